@@ -1,0 +1,1 @@
+"""Submodels, object surfaces, contact kinematics and contact forces."""

@@ -1,0 +1,1 @@
+"""EPOS motor drives over CANopen: master, simulated drives, mirror. Imports no Drake."""

@@ -1,0 +1,159 @@
+"""`Urdf`: links, joints and chains of a URDF file, read through yourdfpy with errors a person can use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drake_hand.errors import InputError, nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """A joint of a URDF: C is the child link's frame at zero position in the parent link P."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    X_PC: np.ndarray
+    axis: np.ndarray
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+    effort: float | None
+    mimic: tuple[str, float, float] | None
+    """(leader, multiplier, offset)"""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint has a degree of freedom."""
+        return self.type != "fixed"
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether it slides instead of turning."""
+        return self.type == "prismatic"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Urdf:
+    """Structure of a URDF file."""
+
+    file: Path
+    root: str
+    links: tuple[str, ...]
+    joints: dict[str, Joint]
+
+    def chain(self, base: str, tip: str) -> list[Joint] | None:
+        """Joints from link `base` to link `tip`, base first; None if `tip` is not below `base`."""
+        parent = {j.child: j for j in self.joints.values()}
+        path: list[Joint] = []
+        link = tip
+        while link != base:
+            if link not in parent:
+                return None
+            path.append(parent[link])
+            link = parent[link].parent
+        return path[::-1]
+
+    @classmethod
+    def load(cls, file: Path) -> Urdf:
+        """Reads a URDF.
+
+        Raises:
+            InputError: not a URDF, limits the wrong way round, non-finite numbers, unknown joint types or links.
+        """
+        import yourdfpy
+
+        try:
+            robot = yourdfpy.URDF.load(
+                str(file), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
+            ).robot
+        except Exception as e:  # yourdfpy raises whatever its XML and number parsing raise
+            raise InputError(
+                "cannot read URDF",
+                file=file,
+                found=" ".join(str(e).split()) or type(e).__name__,
+                expected="a URDF",
+            ) from e
+        links = tuple(link.name for link in robot.links)
+        joints: dict[str, Joint] = {}
+        for j in robot.joints:
+            key = f"joint {j.name}"
+            if j.type not in ("fixed", "revolute", "continuous", "prismatic"):
+                raise InputError(
+                    f"joint type '{j.type}' is not supported",
+                    file=file,
+                    key=key,
+                    found=j.type,
+                    expected="fixed, revolute, continuous or prismatic",
+                )
+            for end in (j.parent, j.child):
+                if end not in links:
+                    raise InputError(
+                        "joint names an unknown link",
+                        file=file,
+                        key=key,
+                        found=end,
+                        expected=nearest(end, links),
+                    )
+            limit = j.limit
+            numbers = {"origin": j.origin, "axis": j.axis}
+            numbers |= {k: getattr(limit, k) for k in ("lower", "upper", "velocity", "effort")} if limit else {}
+            for what, value in numbers.items():
+                if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=float))):
+                    raise InputError(
+                        "number is not finite",
+                        file=file,
+                        key=f"{key}: {what}",
+                        found=value,
+                        expected="finite",
+                    )
+            lower = limit.lower if limit else None
+            upper = limit.upper if limit else None
+            if lower is not None and upper is not None and lower > upper:
+                raise InputError(
+                    "joint limits are the wrong way round",
+                    file=file,
+                    key=f"{key}: limit",
+                    found=f"lower {lower}, upper {upper}",
+                    expected="lower <= upper",
+                )
+            axis = np.array([1.0, 0.0, 0.0]) if j.axis is None else np.asarray(j.axis, dtype=float)
+            norm = np.linalg.norm(axis)
+            if j.type != "fixed" and norm < 1e-9:
+                raise InputError(
+                    "joint axis is zero", file=file, key=f"{key}: axis", found=axis, expected="a direction"
+                )
+            joints[j.name] = Joint(
+                name=j.name,
+                type=j.type,
+                parent=j.parent,
+                child=j.child,
+                X_PC=np.eye(4) if j.origin is None else np.asarray(j.origin, dtype=float),
+                axis=axis / max(norm, 1e-12),
+                lower=lower,
+                upper=upper,
+                velocity=limit.velocity if limit else None,
+                effort=limit.effort if limit else None,
+                mimic=None
+                if j.mimic is None
+                else (j.mimic.joint, _or(j.mimic.multiplier, 1.0), _or(j.mimic.offset, 0.0)),
+            )
+        children = {j.child for j in joints.values()}
+        roots = [link for link in links if link not in children]
+        if len(roots) != 1:
+            raise InputError(
+                "URDF must have one root link",
+                file=file,
+                found=roots or "none (a cycle)",
+                expected="exactly one root link",
+            )
+        return cls(file=file, root=roots[0], links=links, joints=joints)
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else float(value)

@@ -1,0 +1,1 @@
+"""Mode codes, the hybrid automaton and constraint sets."""

@@ -1,0 +1,202 @@
+"""`Plan` and its file: parts, trajectories, forces and certificate as strict JSON (DESIGN 3.2). Needs no Drake."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from drake_hand.errors import InputError
+from drake_hand.files import load, write_atomic
+from drake_hand.planning.task import Task
+
+Row = list[float]
+
+
+class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """Unknown keys are errors."""
+
+
+class Contact(_Strict):
+    """One finger's contact over a part, a row per knot."""
+
+    p_OP: list[Row]
+    """(n, 3) contact point on the object's surface, in O, m."""
+    f_W: list[Row] | None = None
+    """(n, 3) force of the finger on the object, in W, N; null in kinematic plans."""
+
+
+class Part(_Strict):
+    """A stretch in one mode. Between knots, q and X_WO are cubic Hermite (position and derivative at both ends)."""
+
+    mode: str
+    events: list[str]
+    """What happened at its start: ``make thumb``, ``break index``, ``stick ...``, ``slip ...``; empty for the first."""
+    t: list[float]
+    """(n,) knot times from the start of the plan, s, strictly increasing; first = last of the part before."""
+    q: list[Row]
+    """(n, nq) commanded joints, rad."""
+    v: list[Row]
+    """(n, nq) their rates, rad/s."""
+    X_WO: list[Row]
+    """(n, 7) object pose: quaternion w x y z (unit, sign-continuous), position m."""
+    V_WO: list[Row]
+    """(n, 7) its time derivative."""
+    contacts: dict[str, Contact]
+    """By finger name; the fingers whose submodel is not FREE."""
+    q_offset: list[Row] | None = None
+    """(n, nq) added to q when commanded, K^-1 J^T f (linear between knots); null in kinematic plans."""
+
+
+class Worst(_Strict):
+    """The worst value of one certificate field and where it happened."""
+
+    value: float | None
+    limit: float
+    ok: bool
+    time_s: float | None = None
+    part: int | None = None
+    where: str = ""
+    """Finger, joint or pair of bodies."""
+
+
+class Certificate(_Strict):
+    """What the independent checker found (DESIGN 3.4)."""
+
+    certified: bool
+    samples: int
+    worst: dict[str, Worst]
+    """By field: contact_mm, slip_mm, penetration_mm, limit_margin_rad, speed_ratio, acceleration_ratio,
+    rest_speed_rad_s, force_margin, goal_position_mm, goal_rotation_deg, mode."""
+    failures: list[str]
+    plan_hash: str
+    """Hash of the plan it certifies."""
+
+
+class Plan(_Strict):
+    """What is found: parts, timed joint and object trajectories, contact forces, certificate."""
+
+    schema: Literal[1] = 1
+    task: Task
+    hand: str
+    urdf_sha256: str
+    fingers: list[str]
+    joints: list[str]
+    object_mass_kg: float
+    parts: Annotated[list[Part], Meta(min_length=1)]
+    seed: int
+    versions: dict[str, str]
+    certificate: Certificate | None = None
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.parts[-1].t[-1]
+
+    @property
+    def modes(self) -> list[str]:
+        """Mode codes in order."""
+        return [p.mode for p in self.parts]
+
+    @property
+    def hash(self) -> str:
+        """sha256 over everything but the certificate."""
+        bare = msgspec.structs.replace(self, certificate=None)
+        return hashlib.sha256(msgspec.json.encode(bare, order="deterministic")).hexdigest()
+
+    @property
+    def certified(self) -> bool:
+        """Whether it carries a certificate that says yes and is about this very plan."""
+        return self.certificate is not None and self.certificate.certified and self.certificate.plan_hash == self.hash
+
+    def save(self, path: Path) -> None:
+        """Writes the file whole or not at all."""
+        write_atomic(path, msgspec.json.encode(self, order="deterministic") + b"\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Plan:
+        """Reads a plan file strictly.
+
+        Raises:
+            InputError: schema, shapes, times or numbers are wrong.
+        """
+        plan = load(path, cls)
+        plan.validate(path)
+        return plan
+
+    def validate(self, file: Path | None = None) -> None:
+        """Checks shapes and order of all arrays.
+
+        Raises:
+            InputError: naming the key.
+        """
+        nq = len(self.joints)
+        if len(set(self.joints)) != nq:
+            raise InputError("joint named twice", file=file, key="joints", found=self.joints, expected="distinct names")
+        end = None
+        for i, part in enumerate(self.parts):
+            key = f"parts[{i}]"
+            if len(part.mode) != len(self.fingers) or set(part.mode) - set("012"):
+                raise InputError(
+                    "not a mode of this hand",
+                    file=file,
+                    key=f"{key}.mode",
+                    found=part.mode,
+                    expected=f"{len(self.fingers)} digits 0, 1, 2",
+                )
+            n = len(part.t)
+            if n < 2 or not np.all(np.diff(part.t) > 0) or not math.isfinite(part.t[0]):
+                raise InputError(
+                    "times must increase",
+                    file=file,
+                    key=f"{key}.t",
+                    expected="2 or more, strictly increasing",
+                )
+            if end is not None and abs(part.t[0] - end) > 1e-9:
+                raise InputError(
+                    "part does not start where the last ended",
+                    file=file,
+                    key=f"{key}.t[0]",
+                    found=part.t[0],
+                    expected=end,
+                )
+            end = part.t[-1]
+            shapes: list[tuple[str, list[Row] | None, int]] = [
+                ("q", part.q, nq),
+                ("v", part.v, nq),
+                ("X_WO", part.X_WO, 7),
+                ("V_WO", part.V_WO, 7),
+                ("q_offset", part.q_offset, nq),
+            ]
+            for name, contact in part.contacts.items():
+                if name not in self.fingers:
+                    raise InputError(
+                        "unknown finger", file=file, key=f"{key}.contacts", found=name, expected=self.fingers
+                    )
+                shapes += [
+                    (f"contacts.{name}.p_OP", contact.p_OP, 3),
+                    (f"contacts.{name}.f_W", contact.f_W, 3),
+                ]
+            for what, rows, width in shapes:
+                if rows is not None and (len(rows) != n or any(len(r) != width for r in rows)):
+                    raise InputError(
+                        "array has the wrong shape",
+                        file=file,
+                        key=f"{key}.{what}",
+                        found=f"{len(rows)} rows",
+                        expected=f"({n}, {width})",
+                    )
+            touching = {f for f, c in zip(self.fingers, part.mode, strict=True) if c != "0"}
+            if touching != set(part.contacts):
+                raise InputError(
+                    "contacts do not fit the mode",
+                    file=file,
+                    key=f"{key}.contacts",
+                    found=sorted(part.contacts),
+                    expected=sorted(touching),
+                )

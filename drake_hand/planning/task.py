@@ -1,0 +1,190 @@
+"""The task file: what is asked, as typed YAML (DESIGN 3.1). Needs no Drake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from drake_hand.errors import InputError
+from drake_hand.files import load, resolve
+
+SUFFIX = ".task.yaml"
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Meta(gt=0)]
+
+
+class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
+    """Unknown keys are errors."""
+
+
+class Pose(_Strict):
+    """X_WO as a person writes it: position in mm, roll-pitch-yaw in degrees (fixed axes x, y, z)."""
+
+    xyz_mm: Vector
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    joints_deg: dict[str, float] = {}
+    """Only in ``start``: start inside a grasp, contacts where the fingertips touch."""
+
+
+class Grasp(_Strict):
+    """Close the fingers on the object, which a fixture holds until then."""
+
+    fingers: list[str] | None = None
+    kind: Literal["precision", "power"] = "precision"
+
+
+class Rotate(_Strict):
+    """Turn the object about an axis of W; winding counts."""
+
+    axis: Vector
+    angle_deg: float
+    about_mm: Vector | None = None
+
+
+class Translate(_Strict):
+    """Move the object along a straight line of W."""
+
+    by_mm: Vector
+
+
+class MoveTo(_Strict):
+    """Bring the object to a pose X_WO."""
+
+    xyz_mm: Vector
+    rpy_deg: Vector
+
+
+class Slide(_Strict):
+    """One finger slides over the surface along its chart (s1, s2); the object stays still."""
+
+    finger: str
+    by_mm: tuple[float, float]
+
+
+class Push(_Strict):
+    """One finger pushes the object, which lies on a support."""
+
+    finger: str
+    by_mm: Vector
+
+
+class Release(_Strict):
+    """Let go of the object."""
+
+
+class Step(_Strict):
+    """One step of a motion: exactly one key."""
+
+    grasp: Grasp | None = None
+    rotate: Rotate | None = None
+    translate: Translate | None = None
+    move_to: MoveTo | None = None
+    slide: Slide | None = None
+    push: Push | None = None
+    release: Release | None = None
+
+    @property
+    def kind(self) -> str:
+        """The one key that is given."""
+        return next(k for k in self.__struct_fields__ if getattr(self, k) is not None)
+
+
+class Physics(_Strict):
+    """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
+
+    friction: Positive = 0.8
+    gravity: Vector = (0.0, 0.0, -9.81)
+    object_mass_kg: Positive | None = None
+
+
+class Options(_Strict):
+    """How to plan."""
+
+    model: Literal["rolling", "pivot"] = "rolling"
+    hold: Literal["equilibrium", "kinematic"] = "equilibrium"
+    min_contacts: Annotated[int, Meta(ge=0)] = 2
+    modes: list[str] | None = None
+    """Mode codes the plan may use; all if not given."""
+    timing: Literal["parabolic", "optimal"] = "parabolic"
+    seed: Annotated[int, Meta(ge=0)] = 0
+    time_limit_s: Positive = 60.0
+
+
+class Task(_Strict):
+    """A task: hand, object, start pose and a list of motion steps."""
+
+    hand: str
+    object: str
+    start: Pose | Literal["auto"]
+    motion: Annotated[list[Step], Meta(min_length=1)]
+    physics: Physics = Physics()
+    options: Options = Options()
+
+    @classmethod
+    def load(cls, ref: str | Path) -> Task:
+        """Loads a task by bundled name or path; hand and object paths become absolute.
+
+        Raises:
+            InputError: with file, key, found and expected.
+        """
+        file = resolve(ref, "tasks", SUFFIX)
+        task = load(file, cls)
+        task.validate(file)
+        return task
+
+    def validate(self, file: Path | str | None = None) -> None:
+        """Checks what types cannot say.
+
+        Raises:
+            InputError: the task contradicts itself.
+        """
+
+        def refuse(message: str, key: str, found: object, expected: str) -> None:
+            raise InputError(message, file=file, key=key, found=found, expected=expected)
+
+        held = bool(isinstance(self.start, Pose) and self.start.joints_deg)
+        for i, step in enumerate(self.motion):
+            given = [k for k in step.__struct_fields__ if getattr(step, k) is not None]
+            key = f"motion[{i}]"
+            if len(given) != 1:
+                refuse(
+                    "a motion step has exactly one key",
+                    key,
+                    given,
+                    "one of: " + ", ".join(step.__struct_fields__),
+                )
+            kind = given[0]
+            if kind == "grasp":
+                if held:
+                    refuse("the object is already grasped", f"{key}.grasp", "grasp", "a release before it")
+                fingers = step.grasp.fingers if step.grasp else None
+                if fingers is not None and (not fingers or len(set(fingers)) != len(fingers)):
+                    refuse(
+                        "fingers of a grasp must be distinct and at least one",
+                        f"{key}.grasp.fingers",
+                        fingers,
+                        "distinct names",
+                    )
+                held = True
+            elif kind == "release":
+                if not held:
+                    refuse("there is nothing to release", f"{key}.release", "release", "a grasp before it")
+                held = False
+            elif kind != "push" and not held:
+                refuse(f"'{kind}' needs a grasp before it", f"{key}.{kind}", kind, "a grasp before it")
+            if step.rotate and sum(a * a for a in step.rotate.axis) < 1e-18:
+                refuse("axis of rotation is zero", f"{key}.rotate.axis", step.rotate.axis, "a direction")
+        if isinstance(self.start, Pose) is False and self.motion[0].kind not in ("grasp",):
+            refuse("start: auto needs a grasp as first step", "motion[0]", self.motion[0].kind, "grasp")
+        for i, code in enumerate(self.options.modes or []):
+            if not code or set(code) - set("012"):
+                refuse(
+                    "not a mode code",
+                    f"options.modes[{i}]",
+                    code,
+                    "digits 0, 1, 2, one per finger, little first",
+                )
