@@ -22,7 +22,7 @@ class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     """Unknown keys are errors."""
 
 
-class Contact(_Strict):
+class Contact(_Strict, frozen=True, kw_only=True):
     """One finger's contact over a part, a row per knot."""
 
     p_OP: list[Row]
@@ -31,7 +31,7 @@ class Contact(_Strict):
     """(n, 3) force of the finger on the object, in W, N; null in kinematic plans."""
 
 
-class Part(_Strict):
+class Part(_Strict, frozen=True, kw_only=True):
     """A stretch in one mode. Between knots, q and X_WO are cubic Hermite (position and derivative at both ends)."""
 
     mode: str
@@ -53,7 +53,7 @@ class Part(_Strict):
     """(n, nq) added to q when commanded, K^-1 J^T f (linear between knots); null in kinematic plans."""
 
 
-class Worst(_Strict):
+class Worst(_Strict, frozen=True, kw_only=True):
     """The worst value of one certificate field and where it happened."""
 
     value: float | None
@@ -65,7 +65,7 @@ class Worst(_Strict):
     """Finger, joint or pair of bodies."""
 
 
-class Certificate(_Strict):
+class Certificate(_Strict, frozen=True, kw_only=True):
     """What the independent checker found (DESIGN 3.4)."""
 
     certified: bool
@@ -78,7 +78,7 @@ class Certificate(_Strict):
     """Hash of the plan it certifies."""
 
 
-class Plan(_Strict):
+class Plan(_Strict, frozen=True, kw_only=True):
     """What is found: parts, timed joint and object trajectories, contact forces, certificate."""
 
     schema: Literal[1] = 1

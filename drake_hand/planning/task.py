@@ -21,7 +21,7 @@ class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     """Unknown keys are errors."""
 
 
-class Pose(_Strict):
+class Pose(_Strict, frozen=True, kw_only=True):
     """X_WO as a person writes it: position in mm, roll-pitch-yaw in degrees (fixed axes x, y, z)."""
 
     xyz_mm: Vector
@@ -30,14 +30,14 @@ class Pose(_Strict):
     """Only in ``start``: start inside a grasp, contacts where the fingertips touch."""
 
 
-class Grasp(_Strict):
+class Grasp(_Strict, frozen=True, kw_only=True):
     """Close the fingers on the object, which a fixture holds until then."""
 
     fingers: list[str] | None = None
     kind: Literal["precision", "power"] = "precision"
 
 
-class Rotate(_Strict):
+class Rotate(_Strict, frozen=True, kw_only=True):
     """Turn the object about an axis of W; winding counts."""
 
     axis: Vector
@@ -45,38 +45,38 @@ class Rotate(_Strict):
     about_mm: Vector | None = None
 
 
-class Translate(_Strict):
+class Translate(_Strict, frozen=True, kw_only=True):
     """Move the object along a straight line of W."""
 
     by_mm: Vector
 
 
-class MoveTo(_Strict):
+class MoveTo(_Strict, frozen=True, kw_only=True):
     """Bring the object to a pose X_WO."""
 
     xyz_mm: Vector
     rpy_deg: Vector
 
 
-class Slide(_Strict):
+class Slide(_Strict, frozen=True, kw_only=True):
     """One finger slides over the surface along its chart (s1, s2); the object stays still."""
 
     finger: str
     by_mm: tuple[float, float]
 
 
-class Push(_Strict):
+class Push(_Strict, frozen=True, kw_only=True):
     """One finger pushes the object, which lies on a support."""
 
     finger: str
     by_mm: Vector
 
 
-class Release(_Strict):
+class Release(_Strict, frozen=True, kw_only=True):
     """Let go of the object."""
 
 
-class Step(_Strict):
+class Step(_Strict, frozen=True, kw_only=True):
     """One step of a motion: exactly one key."""
 
     grasp: Grasp | None = None
@@ -93,7 +93,7 @@ class Step(_Strict):
         return next(k for k in self.__struct_fields__ if getattr(self, k) is not None)
 
 
-class Physics(_Strict):
+class Physics(_Strict, frozen=True, kw_only=True):
     """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
 
     friction: Positive = 0.8
@@ -101,7 +101,7 @@ class Physics(_Strict):
     object_mass_kg: Positive | None = None
 
 
-class Options(_Strict):
+class Options(_Strict, frozen=True, kw_only=True):
     """How to plan."""
 
     model: Literal["rolling", "pivot"] = "rolling"
@@ -114,7 +114,7 @@ class Options(_Strict):
     time_limit_s: Positive = 60.0
 
 
-class Task(_Strict):
+class Task(_Strict, frozen=True, kw_only=True):
     """A task: hand, object, start pose and a list of motion steps."""
 
     hand: str
