@@ -1,8 +1,30 @@
+# The whole developer interface. Every target first builds .venv from a bare python3.11.
 PY := .venv/bin/python
-.PHONY: install
+
+.PHONY: install demo test test-slow bench lint clean
+install: .venv/.installed
+
 .venv/.installed: pyproject.toml constraints.txt
 	python3.11 -m venv .venv
-	$(PY) -m pip install --quiet --upgrade pip
 	$(PY) -m pip install --quiet -c constraints.txt -e '.[dev]'
 	touch $@
-install: .venv/.installed
+
+demo: install
+	.venv/bin/drake-hand demo
+
+test: install
+	$(PY) -m pytest -n 2
+
+test-slow: install
+	$(PY) -m pytest -n 2 -m slow
+
+bench: install
+	.venv/bin/drake-hand bench
+
+lint: install
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy
+
+clean:
+	rm -rf .venv out dist build
