@@ -1,0 +1,302 @@
+"""Object surfaces: closest point, outward normal, signed distance, sampling and local charts, batched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from drake_hand.contact.chain import cross
+from drake_hand.model.object import Geometry, Object
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The surface of an object in its frame O, as the union of its convex collision geometries.
+
+    The tip of a finger of radius r touches where its centre lies on the surface *expanded* by r
+    (the paper's virtually expanded object); over an edge the expanded surface is round, so that
+    normals are continuous there too.
+    """
+
+    geometries: tuple[Geometry, ...]
+
+    @classmethod
+    def of(cls, object_: Object) -> Surface:
+        """The surface of an object's collision geometry."""
+        return cls(tuple(object_.geometries))
+
+    def closest(self, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The nearest surface point.
+
+        Args:
+            p_O: (N, 3) query points, m.
+
+        Returns:
+            p_OS (N, 3) nearest points, nhat_O (N, 3) outward unit normals (from the surface to the
+            query where that is outside), d (N,) signed distances, negative inside.
+        """
+        results = [_closest(g, p_O) for g in self.geometries]
+        if len(results) == 1:
+            return results[0]
+        distances = np.stack([r[2] for r in results])
+        best = distances.argmin(axis=0)
+        rows = np.arange(len(p_O))
+        return (
+            np.stack([r[0] for r in results])[best, rows],
+            np.stack([r[1] for r in results])[best, rows],
+            distances[best, rows],
+        )
+
+    def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points spread evenly over the surface, edges left out.
+
+        Args:
+            spacing: about how far apart, m.
+
+        Returns:
+            p_OS (M, 3), nhat_O (M, 3).
+        """
+        points, normals = [], []
+        for g in self.geometries:
+            p_G, n_G = _sample(g, spacing)
+            points.append(p_G @ g.X_OG[:3, :3].T + g.X_OG[:3, 3])
+            normals.append(n_G @ g.X_OG[:3, :3].T)
+        p, n = np.concatenate(points), np.concatenate(normals)
+        outside = self.closest(p + 1e-6 * n)[2] > 0
+        return p[outside], n[outside]
+
+    def edge_distance(self, p_OS: np.ndarray) -> np.ndarray:
+        """How far surface points are from the nearest edge of a primitive, m (N,); inf where there is none."""
+        return np.stack([_edge_distance(g, p_OS) for g in self.geometries]).min(axis=0)
+
+    def curvature(self, p_O: np.ndarray, *, step: float = 1e-5) -> np.ndarray:
+        """Derivative of the normal with the query point, (N, 3, 3) in 1/m, by central differences.
+
+        At distance r this is the shape operator of the expanded surface (symmetric, zero along the normal).
+        """
+        columns = []
+        for e in np.eye(3) * step:
+            columns.append((self.closest(p_O + e)[1] - self.closest(p_O - e)[1]) / (2 * step))
+        return np.stack(columns, axis=-1)
+
+    def tangents(self, nhat_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unit tangents (t1, t2) of the chart (s1, s2), each (N, 3), with t1 x t2 = nhat.
+
+        t1 runs around the object's long axis, t2 along it as far as the surface allows.
+        """
+        along = np.where((np.abs(nhat_O @ self.long_axis) < 0.9)[:, None], self.long_axis, self._second_axis)
+        t2 = along - nhat_O * np.einsum("ni,ni->n", along, nhat_O)[:, None]
+        t2 /= np.linalg.norm(t2, axis=1, keepdims=True)
+        return cross(t2, nhat_O), t2
+
+    def move(self, p_OS: np.ndarray, s: np.ndarray, *, steps: int = 16) -> tuple[np.ndarray, np.ndarray]:
+        """Moves points over the surface by chart coordinates (s1, s2).
+
+        Args:
+            p_OS: (N, 3) surface points.
+            s: (N, 2) m.
+            steps: chords the way is divided into.
+
+        Returns:
+            p_OS (N, 3), nhat_O (N, 3) at the end.
+        """
+        p, n, _ = self.closest(p_OS)
+        for _ in range(steps):
+            t1, t2 = self.tangents(n)
+            p, n, _ = self.closest(p + (t1 * s[:, :1] + t2 * s[:, 1:]) / steps)
+        return p, n
+
+    @cached_property
+    def long_axis(self) -> np.ndarray:
+        """(3,) unit axis of O along which the object is longest."""
+        return np.eye(3)[int(np.argmax(self.extent))]
+
+    @cached_property
+    def _second_axis(self) -> np.ndarray:
+        return np.eye(3)[int(np.argsort(self.extent, kind="stable")[1])]
+
+    @cached_property
+    def extent(self) -> np.ndarray:
+        """(3,) half sizes of the bounding box along the axes of O, m."""
+        corners = np.concatenate([g.corners @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] for g in self.geometries])
+        return np.abs(corners).max(axis=0)
+
+    def symmetric_about(self, axis_O: np.ndarray, point_O: np.ndarray) -> bool:
+        """Whether turning about this line maps the surface onto itself."""
+
+        def on_line(g: Geometry) -> bool:
+            offset = g.X_OG[:3, 3] - point_O
+            return float(np.linalg.norm(np.cross(offset, axis_O))) < 1e-9
+
+        def revolves(g: Geometry) -> bool:
+            return g.kind == "sphere" or (
+                g.kind in ("cylinder", "capsule") and abs(float(g.X_OG[:3, 2] @ axis_O)) > 1 - 1e-12
+            )
+
+        return all(on_line(g) and revolves(g) for g in self.geometries)
+
+
+def _closest(g: Geometry, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    R, t = g.X_OG[:3, :3], g.X_OG[:3, 3]
+    p, n, d = _CLOSEST[g.kind](g, (p_O - t) @ R)
+    return p @ R.T + t, n @ R.T, d
+
+
+def _unit(v: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors and lengths; `fallback` where the length vanishes."""
+    length = np.sqrt(np.einsum("ni,ni->n", v, v))
+    safe = length > 1e-12
+    return np.where(safe[:, None], v / np.where(safe, length, 1.0)[:, None], fallback), length
+
+
+def _closest_sphere(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n, length = _unit(p, np.array([0.0, 0.0, 1.0]))
+    return n * g.size[0], n, length - g.size[0]
+
+
+def _closest_capsule(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r, length = g.size
+    core = np.zeros_like(p)
+    core[:, 2] = np.clip(p[:, 2], -length / 2, length / 2)
+    n, distance = _unit(p - core, np.array([1.0, 0.0, 0.0]))
+    return core + n * r, n, distance - r
+
+
+def _closest_cylinder(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r, half = g.size[0], g.size[1] / 2
+    rho = np.hypot(p[:, 0], p[:, 1])
+    safe = rho > 1e-12
+    u = np.where(safe[:, None], p[:, :2] / np.where(safe, rho, 1.0)[:, None], [1.0, 0.0])
+    side, cap = rho - r, np.abs(p[:, 2]) - half
+    sign = np.where(p[:, 2] < 0, -1.0, 1.0)
+    inside = (side <= 0) & (cap <= 0)
+    to_cap = inside & (cap > side)
+    on_rho = np.where(inside & ~to_cap, r, np.minimum(rho, r))
+    on_z = np.where(to_cap, sign * half, np.clip(p[:, 2], -half, half))
+    foot = np.column_stack([u * on_rho[:, None], on_z])
+    inner = np.where(
+        to_cap[:, None], np.column_stack([np.zeros((len(p), 2)), sign]), np.column_stack([u, np.zeros(len(p))])
+    )
+    n, distance = _unit(p - foot, inner)
+    return foot, np.where(inside[:, None], inner, n), np.where(inside, np.maximum(side, cap), distance)
+
+
+def _closest_box(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    half = np.asarray(g.size) / 2
+    excess = np.abs(p) - half
+    inside = (excess <= 0).all(axis=1)
+    face = excess.argmax(axis=1)
+    rows = np.arange(len(p))
+    sign = np.where(p < 0, -1.0, 1.0)
+    foot = np.clip(p, -half, half)
+    inner = np.zeros_like(p)
+    inner[rows, face] = sign[rows, face]
+    foot[inside, face[inside]] = (sign * half)[inside, face[inside]]
+    n, distance = _unit(p - foot, inner)
+    return foot, np.where(inside[:, None], inner, n), np.where(inside, excess.max(axis=1), distance)
+
+
+def _closest_mesh(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Convex polyhedron: nearest point over its triangles (Ericson 2005, section 5.1.5), in blocks of rows."""
+    a, b, c = (g.vertices[g.faces[:, i]] for i in range(3))
+    ab, ac = b - a, c - a
+    normals = cross(ab, ac)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    feet, inner, depth = np.empty_like(p), np.empty_like(p), np.empty(len(p))
+    block = max(1, 400_000 // len(g.faces))
+    for start in range(0, len(p), block):
+        rows = slice(start, start + block)
+        x = p[rows, None, :]
+        foot = _triangle_feet(x, a, b, c, ab, ac)
+        d2 = ((x - foot) ** 2).sum(axis=-1)
+        best = d2.argmin(axis=1)
+        i = np.arange(len(best))
+        feet[rows], inner[rows] = foot[i, best], normals[best]
+        depth[rows] = np.einsum("nfi,fi->nf", x - a, normals).max(axis=1)
+    inside = depth <= 0
+    n, distance = _unit(p - feet, inner)
+    return feet, np.where(inside[:, None], inner, n), np.where(inside, -distance, distance)
+
+
+def _triangle_feet(
+    x: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, ab: np.ndarray, ac: np.ndarray
+) -> np.ndarray:
+    """Nearest points of triangles (F) to queries (N, 1, 3): the face's where the foot is inside, else an edge's."""
+
+    def on_segment(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        pq = q - p
+        t = ((x - p) * pq).sum(-1) / (pq * pq).sum(-1)
+        return p + np.clip(t, 0, 1)[..., None] * pq
+
+    candidates = np.stack([on_segment(a, b), on_segment(b, c), on_segment(c, a)])
+    nearest = ((x - candidates) ** 2).sum(-1).argmin(axis=0)
+    edge = np.take_along_axis(candidates, nearest[None, ..., None], axis=0)[0]
+    d00, d01, d11 = (ab * ab).sum(-1), (ab * ac).sum(-1), (ac * ac).sum(-1)
+    xa = x - a
+    d20, d21 = (xa * ab).sum(-1), (xa * ac).sum(-1)
+    det = d00 * d11 - d01 * d01
+    v, w = (d11 * d20 - d01 * d21) / det, (d00 * d21 - d01 * d20) / det
+    face = a + v[..., None] * ab + w[..., None] * ac
+    return np.where(((v >= 0) & (w >= 0) & (v + w <= 1))[..., None], face, edge)
+
+
+_CLOSEST = {
+    "sphere": _closest_sphere,
+    "capsule": _closest_capsule,
+    "cylinder": _closest_cylinder,
+    "box": _closest_box,
+    "mesh": _closest_mesh,
+}
+
+
+def _ticks(length: float, spacing: float) -> np.ndarray:
+    """Centres of equal cells over [-length/2, length/2]."""
+    n = max(1, round(length / spacing))
+    return (np.arange(n) + 0.5) / n * length - length / 2
+
+
+def _sample(g: Geometry, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    if g.kind == "sphere":
+        r = g.size[0]
+        n = max(12, round(4 * np.pi * r**2 / spacing**2))
+        k = np.arange(n) + 0.5
+        z, phi = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+        s = np.sqrt(1 - z**2)
+        normals = np.column_stack([s * np.cos(phi), s * np.sin(phi), z])
+        return normals * r, normals
+    if g.kind in ("cylinder", "capsule"):
+        r, length = g.size
+        m = max(8, round(2 * np.pi * r / spacing))
+        phi, z = np.meshgrid(2 * np.pi * np.arange(m) / m, _ticks(length, spacing), indexing="ij")
+        phi, z = phi.ravel(), z.ravel()
+        normals = np.column_stack([np.cos(phi), np.sin(phi), np.zeros_like(phi)])
+        return normals * r + np.column_stack([np.zeros((len(z), 2)), z]), normals
+    if g.kind == "box":
+        points, normals = [], []
+        for axis in range(3):
+            u, v = [i for i in range(3) if i != axis]
+            a, b = np.meshgrid(_ticks(g.size[u], spacing), _ticks(g.size[v], spacing), indexing="ij")
+            for sign in (-1.0, 1.0):
+                p, n = np.zeros((a.size, 3)), np.zeros((a.size, 3))
+                p[:, u], p[:, v], p[:, axis], n[:, axis] = a.ravel(), b.ravel(), sign * g.size[axis] / 2, sign
+                points.append(p)
+                normals.append(n)
+        return np.concatenate(points), np.concatenate(normals)
+    import trimesh
+
+    mesh = trimesh.Trimesh(g.vertices, g.faces, process=False)
+    points, faces = trimesh.sample.sample_surface_even(mesh, max(12, round(mesh.area / spacing**2)), seed=0)
+    return np.asarray(points), np.asarray(mesh.face_normals[faces])
+
+
+def _edge_distance(g: Geometry, p_OS: np.ndarray) -> np.ndarray:
+    p = (p_OS - g.X_OG[:3, 3]) @ g.X_OG[:3, :3]
+    if g.kind == "cylinder":
+        r, half = g.size[0], g.size[1] / 2
+        return np.hypot(np.hypot(p[:, 0], p[:, 1]) - r, np.abs(p[:, 2]) - half)
+    if g.kind == "box":
+        gaps = np.sort(np.asarray(g.size) / 2 - np.abs(p), axis=1)
+        return np.hypot(gaps[:, 0], gaps[:, 1])
+    return np.full(len(p), np.inf)
