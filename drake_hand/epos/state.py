@@ -1,0 +1,104 @@
+"""The CiA 402 state machine as EPOS drives show it: states, control words, decoding of status words."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from drake_hand.epos.objects import DriveType
+
+
+class State(Enum):
+    """States of a drive; the value is how a person reads it."""
+
+    NOT_READY = "not ready"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY_TO_SWITCH_ON = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    OPERATION_ENABLED = "operation enabled"
+    QUICK_STOP_ACTIVE = "quick stop active"
+    FAULT_REACTION = "fault reaction"
+    FAULT = "fault"
+    UNKNOWN = "unknown"
+
+    @property
+    def powered(self) -> bool:
+        """Whether the power stage drives the motor."""
+        return self in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION)
+
+    @property
+    def faulty(self) -> bool:
+        """Whether it is in fault or on the way there."""
+        return self in (State.FAULT, State.FAULT_REACTION)
+
+
+class Control:
+    """Control words (0x6040)."""
+
+    DISABLE_VOLTAGE = 0x00
+    QUICK_STOP = 0x02
+    SHUTDOWN = 0x06
+    SWITCH_ON = 0x07
+    ENABLE = 0x0F
+    ENABLE_RUN = 0x1F
+    """Enabled + bit 4: interpolation runs, new set-point, homing starts."""
+    ENABLE_RUN_AT_ONCE = 0x3F
+    """Profile position: new set-point that replaces the running one."""
+    HALT = 0x100
+    """Bit 8, to be or-ed."""
+    FAULT_RESET = 0x80
+    """Acts on the rising edge of bit 7."""
+
+
+REMOTE, TARGET_REACHED, INTERNAL_LIMIT, BIT12, FOLLOWING = 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13
+"""Further bits of the status word; BIT12 is interpolation active, set-point acknowledged or CSP followed."""
+HOMED = 1 << 15
+
+_EPOS_MASK = 0x417F
+EPOS_STATUS = {
+    State.NOT_READY: 0x0100,
+    State.SWITCH_ON_DISABLED: 0x0140,
+    State.READY_TO_SWITCH_ON: 0x0121,
+    State.SWITCHED_ON: 0x0123,
+    State.OPERATION_ENABLED: 0x0137,
+    State.QUICK_STOP_ACTIVE: 0x0117,
+    State.FAULT_REACTION: 0x010F,
+    State.FAULT: 0x0108,
+}
+"""State bits of EPOS 24/1 and EPOS2; bit 8 is always set after boot."""
+_EPOS_DECODE = {v: k for k, v in EPOS_STATUS.items()} | {0x011F: State.FAULT_REACTION}
+_REFRESH = {0x4123: State.SWITCHED_ON, 0x4133: State.SWITCHED_ON}
+
+_CIA_MASK = 0x006F
+EPOS4_STATUS = {
+    State.NOT_READY: 0x0000,
+    State.SWITCH_ON_DISABLED: 0x0040,
+    State.READY_TO_SWITCH_ON: 0x0021,
+    State.SWITCHED_ON: 0x0023,
+    State.OPERATION_ENABLED: 0x0037,
+    State.QUICK_STOP_ACTIVE: 0x0017,
+    State.FAULT_REACTION: 0x001F,
+    State.FAULT: 0x0008,
+}
+"""State bits of the EPOS4: plain CiA 402, bit 4 (voltage) with the power stage on."""
+_CIA_DECODE = {v & _CIA_MASK: k for k, v in EPOS4_STATUS.items()} | {0x0060: State.SWITCH_ON_DISABLED}
+
+
+def decode_state(statusword: int, drive_type: DriveType) -> State:
+    """The state a status word (0x6041) stands for; `State.UNKNOWN` for a word the type never shows."""
+    if drive_type == "epos4":
+        return _CIA_DECODE.get(statusword & _CIA_MASK, State.UNKNOWN)
+    word = statusword & _EPOS_MASK
+    return _EPOS_DECODE.get(word) or _REFRESH.get(word, State.UNKNOWN)
+
+
+def status_bits(state: State, drive_type: DriveType) -> int:
+    """The status word of a state, without mode-specific bits: the inverse of :func:`decode_state`."""
+    return (EPOS4_STATUS if drive_type == "epos4" else EPOS_STATUS)[state]
+
+
+def status_words(statusword: int, drive_type: DriveType) -> str:
+    """A status word in words: ``0x0637 operation enabled, remote, target reached``."""
+    extra = {REMOTE: "remote", TARGET_REACHED: "target reached", INTERNAL_LIMIT: "internal limit", BIT12: "bit 12"}
+    extra |= {FOLLOWING: "bit 13", HOMED: "homed"}
+    words = [decode_state(statusword, drive_type).value, *(w for bit, w in extra.items() if statusword & bit)]
+    return f"0x{statusword:04X} " + ", ".join(words)
