@@ -1,0 +1,46 @@
+"""`Path`: what the planner hands to timing, geometry without time. Needs no Drake."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drake_hand.model.hand import Hand
+from drake_hand.planning.task import Task
+
+if TYPE_CHECKING:
+    from drake_hand.model.object import Object
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A smooth stretch in one mode, before timing; joints and object are at rest at both ends.
+
+    Knots are equally spaced along the leg's parameter s in [0, 1]; a leg's first knot is the last of the leg before.
+    """
+
+    mode: str
+    events: tuple[str, ...] = ()
+    """At its start: ``make thumb``, ``break index``, ...; empty when it goes on in the mode before."""
+    q: np.ndarray
+    """(n, nq) joints, rad."""
+    X_WO: np.ndarray
+    """(n, 4, 4) object pose."""
+    p_OP: dict[str, np.ndarray]
+    """(n, 3) contact point on the object's surface, in O, for every finger that is not FREE."""
+    f_W: dict[str, np.ndarray] | None = None
+    """(n, 3) force of the finger on the object, in W, N, for the same fingers; None in kinematic plans."""
+    q_offset: np.ndarray | None = None
+    """(n, nq) added to q when commanded; None in kinematic plans."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """A whole motion: legs end to end, and what they are for."""
+
+    legs: tuple[Leg, ...]
+    hand: Hand
+    object: Object
+    task: Task
