@@ -38,9 +38,11 @@ class Grasp(_Strict, frozen=True, kw_only=True):
 
 
 class Rotate(_Strict, frozen=True, kw_only=True):
-    """Turn the object about an axis of W; winding counts."""
+    """Turn the object about an axis; winding counts."""
 
     axis: Vector
+    """In W, or in O if ``frame`` says so (the object's own axis, wherever it points)."""
+    frame: Literal["wrist", "object"] = "wrist"
     angle_deg: float
     about_mm: Vector | None = None
 

@@ -1,0 +1,106 @@
+"""The object's path X_WO(s) that a motion asks for, sampled finely enough to integrate contacts along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_hand.planning.task import MoveTo, Pose, Rotate, Step, Translate
+
+TICK_DEG = 2.5
+"""Largest rotation between neighbouring samples."""
+TICK_M = 1.0e-3
+"""Largest translation between neighbouring samples."""
+
+
+def pose(p: Pose | MoveTo) -> np.ndarray:
+    """(4, 4) X_WO of a pose as a person writes it."""
+    X = np.eye(4)
+    X[:3, :3] = Rotation.from_euler("xyz", p.rpy_deg, degrees=True).as_matrix()
+    X[:3, 3] = np.asarray(p.xyz_mm) * 1e-3
+    return X
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectPath:
+    """Object poses along one or more moving steps."""
+
+    X_WO: np.ndarray
+    """(K + 1, 4, 4) samples ("ticks")."""
+    stops: tuple[int, ...]
+    """Ticks at which the object comes to rest: the ends of steps, the last included."""
+    axis_W: np.ndarray | None = None
+    """(3,) if the whole path is one rotation about a line: its axis ..."""
+    point_W: np.ndarray | None = None
+    """(3,) ... and a point on it, m."""
+
+    def __len__(self) -> int:
+        return len(self.X_WO)
+
+    @property
+    def ticks(self) -> int:
+        """Index of the last sample."""
+        return len(self.X_WO) - 1
+
+
+def build(X_WO: np.ndarray, steps: list[Step]) -> ObjectPath:
+    """Strings moving steps (rotate, translate, move_to) together.
+
+    Args:
+        X_WO: (4, 4) pose at the start.
+        steps: the steps, in order.
+
+    Returns:
+        Their path; a winding of more than one turn is kept as such.
+    """
+    poses, stops = [X_WO], []
+    for step in steps:
+        poses += _samples(poses[-1], step)
+        stops.append(len(poses) - 1)
+    axis = point = None
+    if len(steps) == 1 and steps[0].rotate:
+        axis, point = rotation_line(poses[0], steps[0].rotate)
+    return ObjectPath(X_WO=np.stack(poses), stops=tuple(stops), axis_W=axis, point_W=point)
+
+
+def rotation_line(X_WO: np.ndarray, rotate: Rotate) -> tuple[np.ndarray, np.ndarray]:
+    """Unit axis and a point of a rotation step, both in W (3,)."""
+    axis = np.asarray(rotate.axis, dtype=float)
+    axis /= np.linalg.norm(axis)
+    if rotate.frame == "object":
+        axis = X_WO[:3, :3] @ axis
+    point = X_WO[:3, 3] if rotate.about_mm is None else np.asarray(rotate.about_mm) * 1e-3
+    return axis, point
+
+
+def _samples(X0: np.ndarray, step: Step) -> list[np.ndarray]:
+    """Poses after X0 along one step."""
+    if step.rotate:
+        axis, point = rotation_line(X0, step.rotate)
+        angle = np.radians(step.rotate.angle_deg)
+        radius = np.linalg.norm(np.cross(X0[:3, 3] - point, axis))
+        turn = Rotation.from_rotvec(axis[None] * np.linspace(0, 1, _count(abs(angle), abs(angle) * radius) + 1)[1:, None] * angle)
+        out = np.tile(np.eye(4), (len(turn), 1, 1))
+        out[:, :3, :3] = turn.as_matrix() @ X0[:3, :3]
+        out[:, :3, 3] = point + turn.apply(X0[:3, 3] - point)
+        return list(out)
+    if step.translate:
+        goal = X0.copy()
+        goal[:3, 3] += np.asarray(step.translate.by_mm) * 1e-3
+    else:
+        assert step.move_to is not None
+        goal = pose(step.move_to)
+    w = Rotation.from_matrix(goal[:3, :3] @ X0[:3, :3].T).as_rotvec()
+    d = goal[:3, 3] - X0[:3, 3]
+    u = np.linspace(0, 1, _count(float(np.linalg.norm(w)), float(np.linalg.norm(d))) + 1)[1:, None]
+    out = np.tile(np.eye(4), (len(u), 1, 1))
+    out[:, :3, :3] = Rotation.from_rotvec(u * w).as_matrix() @ X0[:3, :3]
+    out[:, :3, 3] = X0[:3, 3] + u * d
+    return list(out)
+
+
+def _count(angle: float, distance: float) -> int:
+    """How many ticks a step takes; even a step that goes nowhere takes one."""
+    return max(1, int(np.ceil(max(np.degrees(angle) / TICK_DEG, distance / TICK_M) - 1e-9)))
