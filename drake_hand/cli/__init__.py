@@ -2,40 +2,86 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Sequence
 
-from cyclopts import App
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.exceptions import UnknownCommandError
 
 from drake_hand import __version__
-from drake_hand.errors import DrakeHandError
+from drake_hand.cli.output import TRACEBACK, report_error
+from drake_hand.errors import DrakeHandError, InputError, nearest
 
-app = App(name="drake-hand", version=__version__, help="Plan, prove, show and play finger gaits of dexterous hands.")
+COMMANDS = {
+    "demo": ("drake_hand.cli.demo:demo", "Plan, check, simulate and execute the bundled pencil rotation."),
+    "plan": ("drake_hand.cli.plans:plan", "Find a certified plan for a task."),
+    "check": ("drake_hand.cli.plans:check", "Prove a plan again, from its file alone."),
+    "simulate": ("drake_hand.cli.plans:simulate", "Replay a plan in physics."),
+    "show": ("drake_hand.cli.plans:show", "Watch a plan in the browser."),
+    "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
+    "execute": ("drake_hand.cli.drives:execute", "Play a plan on motor drives, real or simulated."),
+    "drives": ("drake_hand.cli.drives:app", "Scan, inspect and simulate drives."),
+    "mirror": ("drake_hand.cli.drives:mirror", "Show commanded and measured hand, live."),
+    "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
+    "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),
+    "bench": ("drake_hand.cli.bench:bench", "Measure speed on this machine."),
+}
+"""Name: (where it is, its line in ``drake-hand --help``)."""
 
-for name, target in {
-    "plan": "drake_hand.cli.plans:plan",
-    "check": "drake_hand.cli.plans:check",
-    "show": "drake_hand.cli.plans:show",
-    "plot": "drake_hand.cli.plans:plot",
-    "simulate": "drake_hand.cli.plans:simulate",
-    "demo": "drake_hand.cli.demo:demo",
-    "modes": "drake_hand.cli.modes:modes",
-    "hand": "drake_hand.cli.hand:app",
-    "bench": "drake_hand.cli.bench:bench",
-    "execute": "drake_hand.cli.drives:execute",
-    "drives": "drake_hand.cli.drives:app",
-    "mirror": "drake_hand.cli.drives:mirror",
-}.items():
-    app.command(target, name=name)
+
+def build(tokens: Sequence[str]) -> App:
+    """The app for these tokens: a command that is named shows its own docstring, the others the line of the table."""
+    app = App(
+        name="drake-hand",
+        version=__version__,
+        help="Plan, prove, show and play finger gaits of dexterous hands.",
+        help_format="markdown",
+        default_parameter=Parameter(negative=""),
+        suppress_keyboard_interrupt=False,
+    )
+    for name, (target, summary) in COMMANDS.items():
+        app.command(
+            target, name=name, help=None if name in tokens[:1] else summary, sort_key=list(COMMANDS).index(name)
+        )
+    app.register_install_completion_command(help="Install completion for this shell.")
+    return app
+
+
+def run(tokens: Sequence[str]) -> int:
+    """Runs a command; returns its exit status (DESIGN 3.3). Errors become one message and the status of their kind."""
+    as_json = "--json" in tokens
+    try:
+        result = build(tokens)(list(tokens), exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except DrakeHandError as e:
+        return report_error(e, as_json)
+    except CycloptsError as e:
+        return report_error(_usage_error(e), as_json)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone; let exit flush in peace
+        return 141
+    except OSError as e:
+        return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
+    except KeyboardInterrupt:
+        print("drake-hand: interrupted", file=sys.stderr)
+        return 130
+    except Exception as e:
+        if os.environ.get(TRACEBACK):
+            raise
+        bug = DrakeHandError(f"unexpected {type(e).__name__}: {e} (set {TRACEBACK}=1 to see where)")
+        return report_error(bug, as_json)
+
+
+def _usage_error(e: CycloptsError) -> InputError:
+    """What is wrong with the arguments, in one message."""
+    if isinstance(e, UnknownCommandError) and e.unused_tokens:
+        word, known = e.unused_tokens[0], [n for n in e.app or () if not n.startswith("-")] if e.app else list(COMMANDS)
+        return InputError(f"unknown command '{word}'", found=word, expected=nearest(word, known))
+    return InputError(" ".join(str(e).split()))
 
 
 def main() -> None:
-    """Entry point: runs a command; errors become one message on stderr and the exit status of their kind."""
-    try:
-        result = app()
-    except DrakeHandError as e:
-        print(f"drake-hand: {e}", file=sys.stderr)
-        sys.exit(e.exit_status)
-    except KeyboardInterrupt:
-        print("drake-hand: interrupted", file=sys.stderr)
-        sys.exit(130)
-    sys.exit(result if isinstance(result, int) else 0)
+    """Entry point of ``drake-hand``."""
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,88 @@
+"""What the commands print: one JSON object or tables on stdout; progress and errors on stderr."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
+
+TRACEBACK = "DRAKE_HAND_TRACEBACK"
+"""Environment variable: set, an unexpected exception keeps its traceback."""
+
+
+def print_json(answer: dict[str, Any]) -> None:
+    """Prints the one JSON object of a command run with ``--json``."""
+    text = msgspec.json.encode(answer, enc_hook=lambda o: o.tolist() if hasattr(o, "tolist") else str(o))
+    print(text.decode(), flush=True)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Prints a table; a column whose name ends in ``>`` is set flush right."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in columns:
+        table.add_column(name.rstrip(">"), justify="right" if name.endswith(">") else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row))
+    Console().print(table)
+
+
+def report_error(e: DrakeHandError, as_json: bool) -> int:
+    """Says what went wrong on stderr (and as the JSON object, if asked); returns the exit status."""
+    print(f"drake-hand: {e}", file=sys.stderr)
+    if as_json:
+        print_json(error_answer(e))
+    return e.exit_status
+
+
+def error_answer(e: DrakeHandError) -> dict[str, Any]:
+    """The JSON object of an error: ``status`` and ``reason``, and what the error knows beside them."""
+    if isinstance(e, NoPlanFound):
+        return {"status": e.status, "reason": e.reason, "evidence": e.evidence}
+    if isinstance(e, InputError):
+        known = {k: str(v) for k in ("file", "key", "found", "expected") if (v := getattr(e, k)) is not None}
+        return {"status": "error", "reason": e.message, **known}
+    return {"status": "error", "reason": str(e)}
+
+
+@contextmanager
+def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
+    """Shows the progress of a long job on stderr, on a terminal only.
+
+    Yields:
+        A callback for a job's progress records: dataclasses with ``stage``, perhaps ``done`` and ``total``, and any
+        numbers worth seeing (expansions, best bound), shown by name.
+    """
+    display = Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.fields[detail]}"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=quiet or not sys.stderr.isatty(),
+    )
+    with display:
+        bar = display.add_task("starting", total=None, detail="")
+
+        def update(record: Any) -> None:
+            fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+            stage, done, total = fields.pop("stage"), fields.pop("done", None), fields.pop("total", None)
+            detail = "  ".join(f"{k.replace('_', ' ')} {_brief(v)}" for k, v in fields.items() if v is not None)
+            display.update(bar, description=stage, completed=done or 0, total=total, detail=detail)
+
+        yield update
+
+
+def _brief(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

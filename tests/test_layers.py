@@ -1,0 +1,83 @@
+"""The house has one way through it: rows import only from rows above, and what must stay light stays light."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import drake_hand
+
+PACKAGE = Path(drake_hand.__file__).parent
+ROWS = ["errors", "files", "model", "contact", "modes", "planning", "motion", "verify", "epos", "view", "api", "cli"]
+EPOS_MAY_USE = {"errors", "files", "planning.task", "motion.plan", "motion.trajectory", "epos"}
+HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}
+
+FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
+MODULES = sorted(m.name for m in pkgutil.walk_packages([str(PACKAGE)], "drake_hand."))
+
+
+def imports(file: Path) -> list[tuple[int, str]]:
+    """Line and name, below ``drake_hand``, of every import in a file, wherever it stands."""
+    found = []
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, a.name) for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}:{node.lineno}: relative import"
+            whole = [f"{node.module}.{a.name}" for a in node.names]
+            found += [(node.lineno, n if n in MODULES else str(node.module)) for n in whole]
+    return [(line, n.removeprefix("drake_hand.")) for line, n in found if n.startswith("drake_hand.")]
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(PACKAGE)))
+def test_imports_point_up_the_rows(file: Path) -> None:
+    row = file.relative_to(PACKAGE).with_suffix("").parts[0]
+    assert row in ROWS, f"new top-level name '{row}': give it a row"
+    for line, name in imports(file):
+        imported = name.split(".")[0]
+        assert ROWS.index(imported) <= ROWS.index(row), f"{file}:{line}: {row} must not import {name}"
+        if row == "epos":
+            allowed = any(name == a or name.startswith(f"{a}.") for a in EPOS_MAY_USE)
+            assert allowed, f"{file}:{line}: epos must not import {name}"
+
+
+def loaded_by(code: str) -> set[str]:
+    """Top-level packages a fresh interpreter has loaded after running the code."""
+    tail = "import sys; print('loaded:', *sorted({m.split('.')[0] for m in sys.modules}))"
+    out = subprocess.run([sys.executable, "-c", f"{code}\n{tail}"], capture_output=True, text=True, check=True)
+    return set(out.stdout.splitlines()[-1].split()[1:])
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "from drake_hand.cli import run; assert run(['--help']) == 0",
+        "import drake_hand; drake_hand.Task; drake_hand.Plan",
+        *(f"import {m}" for m in ["drake_hand.cli", *(m for m in MODULES if m.startswith("drake_hand.epos"))]),
+    ],
+)
+def test_stays_light(code: str) -> None:
+    assert not loaded_by(code) & HEAVY
+
+
+def test_every_command_module_loads_light() -> None:
+    modules = sorted(m for m in MODULES if m.startswith("drake_hand.cli."))
+    assert not loaded_by("import " + ", ".join(modules)) & HEAVY
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_public_name_resolves(name: str) -> None:
+    module = importlib.import_module(name)
+    for public in getattr(module, "__all__", ()):
+        getattr(module, public)
+
+
+def test_top_level_names_resolve() -> None:
+    for name in drake_hand.__all__:
+        getattr(drake_hand, name)
+    with pytest.raises(AttributeError, match="no attribute 'Nope'"):
+        drake_hand.Nope  # noqa: B018
