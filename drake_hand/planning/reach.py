@@ -1,0 +1,141 @@
+"""Reach tables: which contacts each finger can make at a tick, and how far it can hold each of them.
+
+Given the object's pose every finger is its own little robot (the paper's key idea), so this is asked finger
+by finger, in one batch over a grid of contacts on the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_hand.contact.chain import skew
+from drake_hand.contact.rolling import Flow, Model, roll
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.object_path import ObjectPath
+
+CLEARANCE = 8.0e-4
+"""Least clearance of anything that should not touch, m; covers what the filling spheres leave out."""
+LIMIT_MARGIN = np.radians(1.0)
+SPACING = 5.0e-3
+"""Grid of contacts on the surface, m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hold:
+    """A contact of one finger from the tick it is made on; row a of the arrays belongs to tick ``birth + a``."""
+
+    finger: int
+    birth: int
+    table: int
+    """Which flow of the finger this is: equal (table, age) on a symmetric object means equal configuration."""
+    q: np.ndarray
+    """(L, m) rad."""
+    p_WP: np.ndarray
+    """(L, 3) contact points in W, m."""
+    n_W: np.ndarray
+    """(L, 3) outward normals in W."""
+    J_WP: np.ndarray
+    """(L, 3, m) Jacobian of the tip's material point at the contact, m/rad."""
+
+    @property
+    def end(self) -> int:
+        """Last tick it can be held."""
+        return self.birth + len(self.q) - 1
+
+    def at(self, tick: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q (m,), contact point (3,) and outward normal (3,) at a tick."""
+        a = tick - self.birth
+        return self.q[a], self.p_WP[a], self.n_W[a]
+
+
+class ReachTable:
+    """Holds by finger and tick, computed when first asked for; once for all ticks if the path turns a symmetric object."""
+
+    def __init__(self, clearance: Clearance, path: ObjectPath, model: Model) -> None:
+        self.clearance, self.path, self.model = clearance, path, model
+        self.symmetric = False
+        if path.axis_W is not None and path.point_W is not None:
+            X = path.X_WO[0]
+            self.symmetric = clearance.surface.symmetric_about(
+                X[:3, :3].T @ path.axis_W, X[:3, :3].T @ (path.point_W - X[:3, 3])
+            )
+        self._points, self._normals = clearance.surface.sample(SPACING)
+        self._flows: dict[tuple[int, int], list[Hold]] = {}
+        self.limits: dict[tuple[int, int], dict[str, int]] = {}
+        """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
+
+    def holds(self, finger: int, tick: int) -> list[Hold]:
+        """Contacts the finger can make at a tick, the longest-lasting first."""
+        source = 0 if self.symmetric else tick
+        if (finger, source) not in self._flows:
+            self._flows[finger, source] = self._compute(finger, source)
+        table = self._flows[finger, source]
+        if source == tick:
+            return table
+        left = self.path.ticks - tick + 1
+        return [
+            Hold(finger=h.finger, birth=tick, table=h.table, q=h.q[:left], p_WP=h.p_WP[:left], n_W=h.n_W[:left], J_WP=h.J_WP[:left])
+            for h in table
+        ]
+
+    def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
+        """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
+        flow = self._roll(finger, tick, q[None])
+        return self._hold(finger, tick, flow, 0, table=-1 - tick) if flow.length[0] else None
+
+    def _compute(self, finger: int, tick: int) -> list[Hold]:
+        kin = self.clearance.kinematics[finger]
+        X, r = self.path.X_WO[tick], kin.finger.radius
+        C_W = (self._points + r * self._normals) @ X[:3, :3].T + X[:3, 3]
+        why: dict[str, int] = {}
+        ball = np.linalg.norm(kin._seeds[1].data - kin._seeds[1].data.mean(axis=0), axis=1).max()
+        near = np.linalg.norm(C_W - kin._seeds[1].data.mean(axis=0), axis=1) < ball
+        why["out of reach"] = int((~near).sum())
+        q, residual = kin.ik(C_W[near])
+        fine = residual < 1e-5
+        why["out of reach"] += int((~fine).sum())
+        q = q[fine]
+        if not len(q):
+            self.limits[finger, tick] = why
+            return []
+        flow = self._roll(finger, tick, q)
+        for word in flow.limited_by:
+            why[word] = why.get(word, 0) + 1
+        self.limits[finger, tick] = why
+        order = np.argsort(-flow.length, kind="stable")
+        return [self._hold(finger, tick, flow, j, table=int(j)) for j in order if flow.length[j] > 0]
+
+    def _roll(self, finger: int, tick: int, q: np.ndarray) -> Flow:
+        c = self.clearance
+
+        def blocked(q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
+            return (c.to_object(finger, q, X_WO, tip=False) < CLEARANCE) | (c.to_palm(finger, q) < CLEARANCE)
+
+        return roll(
+            c.kinematics[finger],
+            c.surface,
+            self.path.X_WO[tick:],
+            q,
+            model=self.model,
+            limit_margin=float(LIMIT_MARGIN),
+            blocked=blocked,
+        )
+
+    def _hold(self, finger: int, tick: int, flow: Flow, j: int, *, table: int) -> Hold:
+        L = int(flow.length[j])
+        X = self.path.X_WO[tick : tick + L]
+        R = X[:, :3, :3]
+        kin, q = self.clearance.kinematics[finger], flow.q[:L, j]
+        n_W = np.einsum("kij,kj->ki", R, flow.nhat_O[:L, j])
+        _, _, J, Jw = kin.jacobian(q)
+        return Hold(
+            finger=finger,
+            birth=tick,
+            table=table,
+            q=q,
+            p_WP=np.einsum("kij,kj->ki", R, flow.p_OP[:L, j]) + X[:, :3, 3],
+            n_W=n_W,
+            J_WP=J + kin.finger.radius * skew(n_W) @ Jw,
+        )
