@@ -58,6 +58,10 @@ class NoPlanFound(DrakeHandError):
         super().__init__(reason)
 
 
+class DriveError(DrakeHandError):
+    """A drive or the CAN bus does not do what it has to; says which drive (joint and node) and what."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Names the known words, the nearest to `name` first: the ``expected`` of an unknown-name error."""
     known = list(known)
