@@ -86,27 +86,56 @@ class Surface:
 
         t1 runs around the object's long axis, t2 along it as far as the surface allows.
         """
-        along = np.where((np.abs(nhat_O @ self.long_axis) < 0.9)[:, None], self.long_axis, self._second_axis)
-        t2 = along - nhat_O * np.einsum("ni,ni->n", along, nhat_O)[:, None]
+        t2 = self._along(nhat_O)
+        t2 = t2 - nhat_O * np.einsum("ni,ni->n", t2, nhat_O)[:, None]
         t2 /= np.linalg.norm(t2, axis=1, keepdims=True)
         return cross(t2, nhat_O), t2
 
-    def move(self, p_OS: np.ndarray, s: np.ndarray, *, steps: int = 16) -> tuple[np.ndarray, np.ndarray]:
-        """Moves points over the surface by chart coordinates (s1, s2).
+    def tangent_rates(self, nhat_O: np.ndarray, ndot_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of `tangents` (N, 3) each, where the normal turns at ndot (N, 3)."""
+        t2 = self.tangents(nhat_O)[1]
+        along = self._along(nhat_O)
+        height = np.einsum("ni,ni->n", along, nhat_O)[:, None]
+        sideways = np.einsum("ni,ni->n", along, t2)[:, None]
+        # t2 sideways = along - nhat height; what lies along t2 only keeps it a unit vector.
+        turn = -(nhat_O * np.einsum("ni,ni->n", along, ndot_O)[:, None] + ndot_O * height) / sideways
+        t2dot = turn - t2 * np.einsum("ni,ni->n", turn, t2)[:, None]
+        return cross(t2dot, nhat_O) + cross(t2, ndot_O), t2dot
+
+    def _along(self, nhat_O: np.ndarray) -> np.ndarray:
+        """The axis of O that t2 follows: the long one, except where the surface lies across it."""
+        return np.where((np.abs(nhat_O @ self.long_axis) < 0.9)[:, None], self.long_axis, self._second_axis)
+
+    def move(
+        self, p_O: np.ndarray, s: np.ndarray, *, radius: float = 0.0, steps: int = 16
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Moves points over the surface, or over the expanded surface, by chart coordinates (s1, s2).
+
+        The way follows s1 t1 + s2 t2 (Runge-Kutta, brought back to the surface after every step), so that a point that
+        moves on by the same s follows the same line. Around a cylinder s1 is arc length.
 
         Args:
-            p_OS: (N, 3) surface points.
+            p_O: (N, 3) points on the surface expanded by `radius`, m.
             s: (N, 2) m.
-            steps: chords the way is divided into.
+            radius: by which the surface is expanded, m: tip centres move on the surface expanded by the tip's.
+            steps: the way is divided into; each should turn the normal by less than half a radian.
 
         Returns:
-            p_OS (N, 3), nhat_O (N, 3) at the end.
+            p_O (N, 3) on the same surface, nhat_O (N, 3) at the end.
         """
-        p, n, _ = self.closest(p_OS)
+
+        def rate(p: np.ndarray) -> np.ndarray:
+            t1, t2 = self.tangents(self.closest(p)[1])
+            return (t1 * s[:, :1] + t2 * s[:, 1:]) / steps
+
+        p, n, _ = self.closest(p_O)
         for _ in range(steps):
-            t1, t2 = self.tangents(n)
-            p, n, _ = self.closest(p + (t1 * s[:, :1] + t2 * s[:, 1:]) / steps)
-        return p, n
+            x = p + radius * n
+            k1 = rate(x)
+            k2 = rate(x + k1 / 2)
+            k3 = rate(x + k2 / 2)
+            p, n, _ = self.closest(x + (k1 + 2 * k2 + 2 * k3 + rate(x + k3)) / 6)
+        return p + radius * n, n
 
     @cached_property
     def long_axis(self) -> np.ndarray:
@@ -274,16 +303,17 @@ def _sample(g: Geometry, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         normals = np.column_stack([np.cos(phi), np.sin(phi), np.zeros_like(phi)])
         return normals * r + np.column_stack([np.zeros((len(z), 2)), z]), normals
     if g.kind == "box":
-        points, normals = [], []
+        sides = []
         for axis in range(3):
             u, v = [i for i in range(3) if i != axis]
             a, b = np.meshgrid(_ticks(g.size[u], spacing), _ticks(g.size[v], spacing), indexing="ij")
             for sign in (-1.0, 1.0):
-                p, n = np.zeros((a.size, 3)), np.zeros((a.size, 3))
-                p[:, u], p[:, v], p[:, axis], n[:, axis] = a.ravel(), b.ravel(), sign * g.size[axis] / 2, sign
-                points.append(p)
-                normals.append(n)
-        return np.concatenate(points), np.concatenate(normals)
+                side = np.zeros((2, a.size, 3))
+                side[0, :, u], side[0, :, v], side[0, :, axis] = a.ravel(), b.ravel(), sign * g.size[axis] / 2
+                side[1, :, axis] = sign
+                sides.append(side)
+        points, normals = np.concatenate(sides, axis=1)
+        return points, normals
     import trimesh
 
     mesh = trimesh.Trimesh(g.vertices, g.faces, process=False)
