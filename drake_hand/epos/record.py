@@ -1,0 +1,145 @@
+"""`RunRecord`: what was commanded and measured in a run, step by step, and its file (npz with a JSON header)."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from drake_hand.errors import InputError
+from drake_hand.files import write_atomic
+
+SUFFIX = ".run.npz"
+NO_QUEUE = -1
+
+
+class Fault(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a run was stopped, or what else went wrong."""
+
+    kind: str
+    """Row of the fault table: ``emcy``, ``fault``, ``following``, ``silent``, ``queue``, ``heartbeat``, ``late``,
+    ``reboot``, ``skew``, ``stuck``, ``bus``, ``interrupt``, ``internal``."""
+    text: str
+    """In words, with the joint."""
+    time_s: float
+    """Since the SYNC began."""
+    sync: int
+    """Number of the SYNC after which it was noticed."""
+    joint: str = ""
+    node: int = 0
+    code: int = 0
+    """EMCY code, where there is one."""
+    history: list[str] = []
+    """The drive's stored errors (0x1003) in words, newest first."""
+
+
+class RunHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a run was and how it ended."""
+
+    schema: Literal[1] = 1
+    version: str
+    """Of drake_hand."""
+    started: str
+    """ISO 8601, UTC."""
+    plan_hash: str
+    hand: str
+    joints: list[str]
+    """Order of the columns."""
+    nodes: list[int]
+    types: list[str]
+    sync_ms: int
+    lead: int
+    """Rows before the plan's own time begins."""
+    interface: str
+    realtime: bool
+    """Whether the bus thread ran with real-time priority."""
+    ok: bool
+    faults: list[Fault]
+    not_disabled: list[str]
+    """Joints whose drive was not read back as disabled."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """A run: k rows, one per SYNC from the start of the motion, over n joints and their drives."""
+
+    header: RunHeader
+    t: np.ndarray
+    """(k,) when the SYNC was sent, s since the first row."""
+    late_ms: np.ndarray
+    """(k,) how late it was."""
+    commanded: np.ndarray
+    """(k, n) rad."""
+    measured: np.ndarray
+    """(k, n) rad; NaN where the drive did not answer."""
+    status: np.ndarray
+    """(k, n) uint16 status words."""
+    queued: np.ndarray
+    """(k, n) int16 PVT records waiting in the drive; `NO_QUEUE` where there is none."""
+
+    @property
+    def plan_time(self) -> np.ndarray:
+        """(k,) time in the plan, s; negative while leading in."""
+        return (np.arange(len(self.t)) - self.header.lead) * self.header.sync_ms * 1e-3
+
+    @property
+    def error_deg(self) -> np.ndarray:
+        """(k, n) commanded minus measured."""
+        return np.rad2deg(self.commanded - self.measured)
+
+    def lag(self) -> tuple[np.ndarray, np.ndarray]:
+        """Explains the tracking error by a pure delay: ``error ~ delay * commanded speed``, joint by joint.
+
+        Returns:
+            (n,) delay, s (zero for a joint that does not move), and (n,) largest error left unexplained, deg.
+        """
+        if len(self.t) < 3:
+            return np.zeros(self.commanded.shape[1]), np.zeros(self.commanded.shape[1])
+        speed = np.gradient(np.rad2deg(self.commanded), self.header.sync_ms * 1e-3, axis=0)
+        heard = np.isfinite(self.measured)
+        error = np.where(heard, self.error_deg, 0.0)
+        power = np.sum(speed**2 * heard, axis=0)
+        delay = np.divide(np.sum(error * speed, axis=0), power, out=np.zeros_like(power), where=power > 1e-9)
+        rest = np.abs(error - delay * speed) * heard
+        return delay, rest.max(axis=0)
+
+    def save(self, path: Path) -> None:
+        """Writes the file whole or not at all."""
+        arrays = {k: getattr(self, k) for k in _ARRAYS}
+        header = np.frombuffer(msgspec.json.encode(self.header), dtype=np.uint8)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, header=header, **arrays)
+        write_atomic(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> RunRecord:
+        """Reads a record.
+
+        Raises:
+            InputError: not a run record.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                header = msgspec.json.decode(file["header"].tobytes(), type=RunHeader)
+                arrays = {k: file[k] for k in _ARRAYS}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError) as e:
+            raise InputError("not the record of a run", file=path, found=str(e), expected=f"a {SUFFIX} file") from e
+        k, n = len(arrays["t"]), len(header.joints)
+        for name, array in arrays.items():
+            if array.shape not in ((k,), (k, n)):
+                raise InputError(
+                    "array has the wrong shape",
+                    file=path,
+                    key=name,
+                    found=array.shape,
+                    expected=f"({k},) or ({k}, {n})",
+                )
+        return cls(header=header, **arrays)
+
+
+_ARRAYS = ("t", "late_ms", "commanded", "measured", "status", "queued")
