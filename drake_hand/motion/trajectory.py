@@ -90,7 +90,7 @@ class Trajectory:
         ddx = (2 * c2 + u * 6 * c3) * scale**2
         linear = self._linear0[s] + u * (self._linear1[s] - self._linear0[s])
         nq, n = self._nq, self._shape[0] * 3
-        X_WO, V_WO, A_WO = _pose(x[:, nq:], dx[:, nq:], ddx[:, nq:])
+        X_WO, V_WO, A_WO = poses(x[:, nq:], dx[:, nq:], ddx[:, nq:])
         return States(
             t=t,
             part=self._part[s],
@@ -127,8 +127,8 @@ def _linear(part: Part, fingers: list[str], nq: int) -> np.ndarray:
     return np.hstack([offset, points.reshape(n, -1), forces.reshape(n, -1)])
 
 
-def _pose(x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pose, velocity and acceleration from (k, 7) quaternion and position, which need not be normalised.
+def poses(x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses (k, 4, 4), velocities and accelerations (k, 6) from (k, 7) quaternions of any length and positions.
 
     For q = n u with unit u: w = 2 vec(dq q*) / n^2 and dw = 2 vec(ddq q*) / n^2 - 2 (q . dq) / n^2 w.
     """

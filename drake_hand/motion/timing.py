@@ -1,0 +1,203 @@
+"""`time_path`: gives a path its times and makes it a plan (DESIGN section 4.6)."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PPoly
+
+from drake_hand import __version__
+from drake_hand.motion import law as laws
+from drake_hand.motion.curve import Curve, Limits
+from drake_hand.motion.plan import Contact, Part, Plan
+from drake_hand.planning.path import Leg, Path
+
+PART_S = 1.0
+"""Least duration of a part that moves, parabolic timing (the paper gives every part one second), s."""
+RAMP_S = 0.3
+"""Duration of a leg in which only forces change, s."""
+
+_GRID = 201
+_JOINTS, _POSE = 5e-6, 5e-7
+_CONTACTS = {"p_OP": 2e-6, "f_W": 1e-3, "q_offset": 2e-5}
+"""What the plan's interpolation between knots may add: rad, m or quaternion; m, N, rad."""
+_DECIMALS = 10
+
+
+def time_path(path: Path) -> Plan:
+    """Times a path: every leg starts and ends at rest and keeps the hand's speeds and accelerations.
+
+    All joints and the object of a leg run on one parameter s(t), so all of them finish together. In a leg that
+    carries the object on *and* regrasps, the slower of the two decides: the pushing fingers wait, slowed down, for
+    the regrasping one (the paper's "Trajectory Planning Results").
+
+    ``timing: parabolic`` is linear with parabolic blends: one second a part, shared by its legs as they need it,
+    longer where limits ask for it. ``timing: optimal`` is Drake's Toppra, leg by leg; where that gives no answer the
+    leg is parabolic, as quick as it may be. Consecutive legs of one mode without events become one part.
+
+    Raises:
+        ValueError: legs do not join, or change mode without an event; says which.
+    """
+    limits = Limits.of(path)
+    optimal = path.task.options.timing == "optimal"
+    parts: list[Part] = []
+    for legs in _by_part(path.legs):
+        timed = [_time(Curve(leg, limits), optimal) for leg in legs]
+        moving = sum(x.law.x[-1] for x in timed if x.curve.moves)
+        if 0 < moving < PART_S and not optimal:
+            timed = [x.stretched(PART_S / moving) if x.curve.moves else x for x in timed]
+        parts.append(_part(timed, parts[-1] if parts else None))
+    hand, task = path.hand, path.task
+    return Plan(
+        task=task,
+        hand=hand.name,
+        urdf_sha256=hand.urdf_sha256,
+        fingers=[f.name for f in hand.fingers],
+        joints=list(hand.joints),
+        object_mass_kg=limits.mass,
+        parts=parts,
+        seed=task.options.seed,
+        versions={"drake_hand": __version__, "drake": importlib.metadata.version("drake")},
+    )
+
+
+def _by_part(legs: tuple[Leg, ...]) -> Iterator[list[Leg]]:
+    """Groups legs into parts."""
+    part: list[Leg] = []
+    for i, leg in enumerate(legs):
+        if part:
+            before = part[-1]
+            if np.abs(leg.q[0] - before.q[-1]).max() > 1e-7 or np.abs(leg.X_WO[0] - before.X_WO[-1]).max() > 1e-8:
+                raise ValueError(f"leg {i} does not start where leg {i - 1} ends")
+            if leg.mode != before.mode and not leg.events:
+                raise ValueError(f"leg {i} changes mode {before.mode} to {leg.mode} without an event")
+            if leg.events:
+                yield part
+                part = []
+        part.append(leg)
+    yield part
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Timed:
+    """A leg on its time law."""
+
+    curve: Curve
+    law: PPoly
+
+    def stretched(self, factor: float) -> _Timed:
+        """The same, taking `factor` as long."""
+        return _Timed(curve=self.curve, law=laws.stretched(self.law, factor))
+
+    def excess(self) -> float:
+        """The factor by which its duration is too short; below 1 it could be quicker."""
+        breaks = self.law.x
+        # both sides of every break, where the acceleration of s jumps
+        t = np.unique(np.concatenate([np.linspace(0.0, breaks[-1], 2 * _GRID), breaks, breaks[1:] - 1e-12]))
+        s, ds, dds = (self.law(t, order)[:, None] for order in range(3))
+        first, second = self.curve.rates(np.clip(s[:, 0], 0.0, 1.0))
+        limits = self.curve.limits
+        speed = np.max(np.abs(first * ds) / limits.speed)
+        acceleration = np.max(np.abs(first * dds + second * ds**2) / limits.acceleration)
+        return float(max(speed, np.sqrt(acceleration)))
+
+    def rows(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Joints and pose, their rates, and what goes with the contacts, a row per time."""
+        s, ds = np.clip(self.law(t), 0.0, 1.0), self.law(t, 1)
+        x, dx = self.curve.coordinates(s)
+        return x, dx * ds[:, None], self.curve.contacts(s)
+
+    def knots(self) -> np.ndarray:
+        """Times between which the plan's interpolation follows the leg closely enough."""
+        t = np.linspace(0.0, self.law.x[-1], 13 if self.curve.moves else 2)
+        tolerance = np.concatenate([np.full(self.curve.nq, _JOINTS), np.full(7, _POSE)])
+        for _ in range(8):
+            between = (t[:-1, None] + np.diff(t)[:, None] * [0.25, 0.5, 0.75]).ravel()
+            x, dx, contacts = self.rows(t)
+            x_exact, _, contacts_exact = self.rows(between)
+            ratio = np.max(np.abs(CubicHermiteSpline(t, x, dx)(between) - x_exact) / tolerance, axis=1)
+            for name, exact in contacts_exact.items():
+                error = np.abs(_linear(between, t, contacts[name]) - exact) / _CONTACTS[name.partition(" ")[0]]
+                ratio = np.maximum(ratio, error.max(axis=1))
+            split = ratio.reshape(-1, 3).max(axis=1) > 1
+            if not split.any():
+                break
+            t = np.sort(np.concatenate([t, ((t[:-1] + t[1:]) / 2)[split]]))
+        return t
+
+
+def _time(curve: Curve, optimal: bool) -> _Timed:
+    """A leg on its quickest law within the limits."""
+    if not curve.moves:
+        return _Timed(curve=curve, law=PPoly([[1 / RAMP_S], [0.0]], [0.0, RAMP_S]))
+    limits = curve.limits
+    law = laws.optimal(curve.sampled, limits.speed, limits.acceleration) if optimal else None
+    timed = _Timed(curve=curve, law=law or laws.parabolic())
+    return timed.stretched(timed.excess())
+
+
+def _linear(t: np.ndarray, knots: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+    u = ((t - knots[i]) / (knots[i + 1] - knots[i]))[:, None]
+    return rows[i] * (1 - u) + rows[i + 1] * u
+
+
+def _part(legs: list[_Timed], before: Part | None) -> Part:
+    """Strings legs together; stretches time once more if the plan's own cubics exceed a limit between knots."""
+    t, x, dx, contacts = [], [], [], []
+    start = 0.0
+    for i, timed in enumerate(legs):
+        knots = timed.knots()
+        rows, rates, extra = timed.rows(knots)
+        keep = slice(1 if i else 0, None)
+        t.append(start + knots[keep])
+        x.append(rows[keep])
+        dx.append(rates[keep])
+        contacts.append({name: value[keep] for name, value in extra.items()})
+        start = t[-1][-1]
+    nq, limits = legs[0].curve.nq, legs[0].curve.limits
+    times, positions, rates = np.concatenate(t), np.concatenate(x), np.concatenate(dx)
+    _keep_sign(positions, rates, nq, before)
+    stretch = max(1.0, _hermite_excess(times, positions[:, :nq], rates[:, :nq], limits))
+    times, rates = times * stretch + (before.t[-1] if before else 0.0), rates / stretch
+
+    def rounded(values: np.ndarray) -> list:
+        return np.round(values, _DECIMALS).tolist()
+
+    joined = {name: rounded(np.concatenate([c[name] for c in contacts])) for name in contacts[0]}
+    leg = legs[0].curve.leg
+    return Part(
+        mode=leg.mode,
+        events=list(leg.events),
+        t=rounded(times),
+        q=rounded(positions[:, :nq]),
+        v=rounded(rates[:, :nq]),
+        X_WO=rounded(positions[:, nq:]),
+        V_WO=rounded(rates[:, nq:]),
+        contacts={f: Contact(p_OP=joined[f"p_OP {f}"], f_W=joined.get(f"f_W {f}")) for f in leg.p_OP},
+        q_offset=joined.get("q_offset"),
+    )
+
+
+def _keep_sign(positions: np.ndarray, rates: np.ndarray, nq: int, before: Part | None) -> None:
+    """Turns quaternions, in place, into the hemisphere of the row before them."""
+    quaternion = slice(nq, nq + 4)
+    last = before.X_WO[-1][:4] if before else positions[0, quaternion]
+    rows = np.vstack([last, positions[:, quaternion]])
+    flipped = np.cumsum(np.sum(rows[1:] * rows[:-1], axis=1) < 0) % 2 == 1
+    positions[flipped, quaternion] *= -1
+    rates[flipped, quaternion] *= -1
+
+
+def _hermite_excess(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> float:
+    """As `_Timed.excess`, of the cubics: acceleration is extreme at their ends, speed looked at in between."""
+    nq = q.shape[1]
+    a, b, c, _ = CubicHermiteSpline(t, q, v).c
+    h = np.diff(t)[:, None]
+    u = np.linspace(0.0, 1.0, 5)[:, None, None] * h
+    speed = np.max(np.abs(3 * a * u**2 + 2 * b * u + c) / limits.speed[:nq])
+    acceleration = np.max(np.abs(np.stack([2 * b, 6 * a * h + 2 * b])) / limits.acceleration[:nq])
+    return float(max(speed, np.sqrt(acceleration))) * (1 + 1e-4)
