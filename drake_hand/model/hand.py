@@ -333,7 +333,7 @@ def _limits(name: str, spec: HandSpec, urdf: Urdf, file: Path) -> dict[str, floa
         given = getattr(own, key) if getattr(own, key) is not None else getattr(default, key)
         if given is None and fallback is None:
             raise InputError(f"joint '{name}' has no {key}", file=file, key=f"joints.{name}.{key}", expected="a number")
-        return float(convert(given) if given is not None else fallback)
+        return float(convert(given)) if given is not None else float(fallback or 0.0)
 
     lower, upper = pick("lower_deg", joint.lower, unit), pick("upper_deg", joint.upper, unit)
     for follower in urdf.joints.values():
