@@ -45,9 +45,9 @@ class Submodel(IntEnum):
     def constraint(self) -> str:
         """What it constrains, in words."""
         return (
-            "none: the tip is clear of the object",
-            "tip on the surface, no velocity relative to the object at the contact",
-            "tip on the surface, no velocity relative to the object along the normal; s1, s2 are imposed",
+            "none; tip clear of the object",
+            "tip on the surface, no slip",
+            "tip on the surface; s1, s2 imposed",
         )[self]
 
 
@@ -91,30 +91,44 @@ class Mechanism:
         return self.dof - self.couplings
 
 
-def finger_mechanism(finger: Finger, submodel: Submodel) -> Mechanism:
+@dataclass(frozen=True, kw_only=True)
+class JointCount:
+    """Joints of one finger."""
+
+    axes: int
+    """Moving one-axis joints, coupled ones included."""
+    couplings: int = 0
+    """How many of them follow another one (``<mimic>``)."""
+
+    @classmethod
+    def of(cls, finger: Finger) -> JointCount:
+        """The joints of a hand's finger."""
+        return cls(axes=len(finger.axes), couplings=len(finger.axes) - len(finger.joints))
+
+
+def finger_mechanism(finger: JointCount, submodel: Submodel) -> Mechanism:
     """The closed chain of one finger on its own (paper, "Inverse Kinematics at Position Level")."""
     return hand_mechanism([finger], [submodel], object_moves=submodel.touches)
 
 
-def hand_mechanism(fingers: Sequence[Finger], submodels: Sequence[Submodel], *, object_moves: bool = True) -> Mechanism:
+def hand_mechanism(
+    fingers: Sequence[JointCount], submodels: Sequence[Submodel], *, object_moves: bool = True
+) -> Mechanism:
     """All chains of a hand together: they share the object and its virtual joint (paper, Fig. 9).
 
     Args:
-        fingers: of the hand.
+        fingers: joints of each.
         submodels: one for each finger.
-        object_moves: whether the object is among the bodies; it is unless nothing touches it and it stands still.
+        object_moves: whether the object is among the bodies; without any contact it may stand still instead.
 
     Returns:
-        A mechanism with one loop per finger, in contact or free, when the object moves.
+        A mechanism of one loop per finger, in contact or free.
     """
-    freedoms: list[int] = []
-    bodies = 0
-    if object_moves:
-        freedoms.append(BODY_FREEDOM)
-        bodies += 1
+    freedoms = [BODY_FREEDOM] * object_moves
     for finger, submodel in zip(fingers, submodels, strict=True):
-        freedoms += [1] * len(finger.axes)
-        bodies += len(finger.axes)
-        freedoms.append(submodel.contact_freedom if submodel.touches else BODY_FREEDOM)
-    couplings = sum(len(f.axes) - len(f.joints) for f in fingers)
-    return Mechanism(joint_freedoms=tuple(freedoms), bodies=bodies, couplings=couplings)
+        freedoms += [1] * finger.axes + [submodel.contact_freedom if submodel.touches else BODY_FREEDOM]
+    return Mechanism(
+        joint_freedoms=tuple(freedoms),
+        bodies=object_moves + sum(f.axes for f in fingers),
+        couplings=sum(f.couplings for f in fingers),
+    )

@@ -1,0 +1,157 @@
+"""`drake-hand modes`: explains a mode, or lists and draws the automaton."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+from xml.etree import ElementTree
+
+from cyclopts import Parameter
+
+from drake_hand.cli.output import print_json, print_table
+from drake_hand.contact.submodel import JointCount, finger_mechanism, hand_mechanism
+from drake_hand.files import load, resolve
+from drake_hand.model.hand import SUFFIX, Hand, HandSpec
+from drake_hand.modes.automaton import Automaton
+from drake_hand.modes.code import Mode, contact_counts, listed
+
+
+def modes(
+    code: str | None = None,
+    /,
+    *,
+    hand: Annotated[str, Parameter(help="Bundled hand or path of a hand.yaml.")] = "kanguera",
+    graph: Annotated[Path | None, Parameter(help="Draw all modes into this .svg, .png or .pdf.")] = None,
+    json: Annotated[bool, Parameter(help="Print one JSON object.")] = False,
+) -> None:
+    """Explain a mode, or list the hybrid automaton.
+
+    A mode code has a digit per finger, little finger first, thumb last: 0 free, 1 rolling, 2 sliding. 00111 is
+    three fingers rolling. With --graph and a code, the switches of that mode are drawn strong.
+    """
+    automaton, joints = _outline(hand)
+    mode = None if code is None else automaton.mode(code)
+    answer = _describe(automaton, joints, hand) if mode is None else _explain(mode, automaton, joints, hand)
+    if graph is not None:
+        from drake_hand.modes.graph import draw
+
+        title = f"The {3 ** len(automaton.fingers)} modes of {hand}"
+        draw(graph, automaton.fingers, title=title, highlight=mode)
+        answer["graph"] = str(graph)
+    if json:
+        print_json(answer)
+    elif mode is None:
+        _print_automaton(answer, automaton)
+    else:
+        _print_mode(answer, automaton, mode)
+    if graph is not None and not json:
+        print(f"\ndrawn: {graph}")
+
+
+def _describe(automaton: Automaton, joints: list[JointCount], hand: str) -> dict[str, Any]:
+    counts = contact_counts(len(automaton.fingers))
+    return {
+        "hand": hand,
+        "fingers": list(automaton.fingers),
+        "modes": sum(counts),
+        "modes_by_contacts": counts,
+        "switches": automaton.switch_count(),
+        "switches_one_finger": automaton.switch_count(at_once=1),
+        "events": [str(e) for e in automaton.events],
+        "variables": list(automaton.variables),
+        "axes": [j.axes for j in joints],
+        "couplings": [j.couplings for j in joints],
+    }
+
+
+def _explain(mode: Mode, automaton: Automaton, joints: list[JointCount], hand: str) -> dict[str, Any]:
+    fingers = []
+    for name, count, submodel in zip(automaton.fingers, joints, mode.submodels, strict=True):
+        chain = finger_mechanism(count, submodel)
+        numbers = {k: getattr(chain, k) for k in ("dof", "commanded_dof", "joints", "bodies", "loops")}
+        fingers.append({"finger": name, "submodel": submodel.name, **numbers, "constraint": submodel.constraint})
+    whole = hand_mechanism(joints, mode.submodels)
+    return {
+        "hand": hand,
+        "mode": mode.code,
+        "words": mode.words(automaton.fingers),
+        "contacts": len(mode.touching),
+        "fingers": fingers,
+        "dof": whole.dof,
+        "commanded_dof": whole.commanded_dof,
+        "joints": whole.joints,
+        "bodies": whole.bodies,
+        "loops": whole.loops,
+        "init": [str(c) for c in automaton.init(mode).clauses],
+        "inv": [str(c) for c in automaton.inv(mode).clauses],
+        "contact": [str(c) for c in automaton.contact(mode).clauses],
+        "switches": [{"event": str(s.events[0]), "mode": s.after.code} for s in automaton.switches(mode)],
+    }
+
+
+def _print_automaton(answer: dict[str, Any], automaton: Automaton) -> None:
+    n = len(automaton.fingers)
+    rows = []
+    for k, count in enumerate(answer["modes_by_contacts"]):
+        rolling, sliding = ("0" * (n - k) + digit * k for digit in "12")
+        rows.append([k, count, f"{rolling} ... {sliding}" if k else rolling])
+    print_table(f"{answer['hand']}: {answer['modes']} modes", ["in contact>", "modes>", "such as"], rows)
+    kinds = list(dict.fromkeys(e.kind for e in automaton.events))
+    print(
+        f"V  {answer['modes']} modes: 0 free, 1 rolling, 2 sliding for each of {listed(automaton.fingers)}",
+        f"E  {answer['switches']} switches, {answer['switches_one_finger']} of them with one finger changing",
+        f"   events: {listed(kinds)} of each finger, {len(automaton.events)} in all",
+        f"X  {len(automaton.variables)} variables: {len(automaton.joints)} joints, 6 of the object's pose,"
+        f" {2 * n} contact coordinates",
+        "Explain a mode: drake-hand modes CODE. Draw them all: drake-hand modes --graph modes.svg",
+        sep="\n",
+    )
+
+
+def _print_mode(answer: dict[str, Any], automaton: Automaton, mode: Mode) -> None:
+    columns = ["finger", "submodel", "dof>", "n_G>", "n_B>", "n_L>", "what it constrains"]
+    keys = ("finger", "submodel", "dof", "joints", "bodies", "loops", "constraint")
+    title = f"{mode} of {answer['hand']}: {answer['words']}"
+    print_table(title, columns, [[f[k] for k in keys] for f in answer["fingers"]])
+    coupled = answer["dof"] - answer["commanded_dof"]
+    less = f" ({answer['commanded_dof']} with {coupled} coupled joints)" if coupled else ""
+    print(
+        f"Hand and object together: {answer['dof']} dof{less}, "
+        f"n_G {answer['joints']} joints - n_B {answer['bodies']} bodies = n_L {answer['loops']} loops"
+    )
+    for predicate in (automaton.inv(mode), automaton.contact(mode)):
+        print(f"\n{predicate}")
+    print(f"\ninit({mode}): inv({mode}), and hand and object at rest\n\nswitches with one finger changing")
+    neighbours: dict[str, list[str]] = {}
+    for s in automaton.switches(mode):
+        neighbours.setdefault(s.events[0].kind, []).append(f"{s.events[0].finger} {s.after}")
+    for kind, those in neighbours.items():
+        print(f"  {kind:<6} {', '.join(those)}")
+
+
+def _outline(ref: str) -> tuple[Automaton, list[JointCount]]:
+    """Fingers and their numbers of joints, read without yourdfpy, whose import alone takes longer than this command.
+
+    Where the files are not plain and right, the full reader says what is wrong, or knows better.
+    """
+    file = resolve(ref, "hands", SUFFIX)
+    spec = load(file, HandSpec)
+    try:
+        root = ElementTree.parse(resolve(spec.urdf, "hands", ".urdf", beside=file)).getroot()
+        above = {j.find("child").attrib["link"]: j for j in root.iter("joint") if j.find("child") is not None}  # type: ignore[union-attr]
+        names: list[str] = []
+        counts = []
+        for finger in spec.fingers:
+            link, moving = finger.tip.link, []
+            while link != spec.palm:
+                joint = above.pop(link)
+                moving += [joint] if joint.attrib["type"] != "fixed" else []
+                link = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
+            commanded = [j.attrib["name"] for j in reversed(moving) if j.find("mimic") is None]
+            names += commanded
+            counts.append(JointCount(axes=len(moving), couplings=len(moving) - len(commanded)))
+        fingers = tuple(f.name for f in spec.fingers)
+    except (ElementTree.ParseError, KeyError, AttributeError, ValueError, OSError):
+        full = Hand.load(ref)
+        return Automaton.of(full, "object"), [JointCount.of(f) for f in full.fingers]
+    return Automaton(fingers=fingers, joints=tuple(names), object_name="object"), counts

@@ -1,0 +1,115 @@
+"""`State` of hand and object, and the `Situation` it makes in a scene: gaps, relative velocities, clearances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.surface import Surface
+from drake_hand.errors import InputError
+
+if TYPE_CHECKING:
+    from drake_hand.model.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Values of the automaton's variables X and of their rates.
+
+    Raises:
+        InputError: an array has the wrong shape or a number is not finite.
+    """
+
+    q: np.ndarray
+    """(nq,) commanded joints, rad."""
+    X_WO: np.ndarray
+    """(4, 4) object pose."""
+    v: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(nq,) rad/s; at rest if not given."""
+    V_WO: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """(6,) angular and translational velocity of the object in W, rad/s and m/s."""
+
+    def __post_init__(self) -> None:
+        if not self.v.size:
+            object.__setattr__(self, "v", np.zeros_like(self.q))
+        for name, shape in {"q": self.q.shape, "X_WO": (4, 4), "v": self.q.shape, "V_WO": (6,)}.items():
+            value = getattr(self, name)
+            if value.shape != shape or not np.all(np.isfinite(value)):
+                raise InputError("not a state", key=name, found=value, expected=f"finite numbers of shape {shape}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Touch:
+    """One fingertip against the object."""
+
+    gap: float
+    """Signed distance of the spherical tip from the object, m."""
+    nhat_W: np.ndarray
+    """(3,) outward normal of the object at its point nearest to the tip."""
+    slip_W: np.ndarray
+    """(3,) velocity of the tip relative to the object, both at the contact point, m/s."""
+    pivot_W: np.ndarray
+    """(3,) velocity of the tip centre relative to the expanded object, m/s."""
+
+    @property
+    def normal_speed(self) -> float:
+        """Relative velocity along the normal, positive where the tip departs, m/s."""
+        return float(self.slip_W @ self.nhat_W)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """A state of a scene, and the one after it where a jump is in question; what predicates measure."""
+
+    scene: Scene
+    state: State
+    after: State | None = None
+    """X' of a jump; X itself if not given."""
+
+    @cached_property
+    def touches(self) -> dict[str, Touch]:
+        """Every fingertip against the object, by finger name."""
+        hand, state = self.scene.hand, self.state
+        surface = Surface.of(self.scene.object)
+        R_WO, p_WO = state.X_WO[:3, :3], state.X_WO[:3, 3]
+        w_WO, v_WO = state.V_WO[:3], state.V_WO[3:]
+        touches = {}
+        for finger in hand.fingers:
+            kinematics = FingerKinematics.of(hand, finger)
+            p_WC, _, J, Jw = (a[0] for a in kinematics.jacobian(state.q[None, finger.columns]))
+            v = state.v[finger.columns]
+            p_OS, nhat_O, distance = (a[0] for a in surface.closest(((p_WC - p_WO) @ R_WO)[None]))
+            nhat_W = R_WO @ nhat_O
+            v_WC, v_object = J @ v, v_WO + np.cross(w_WO, R_WO @ p_OS)
+            touches[finger.name] = Touch(
+                gap=float(distance) - finger.radius,
+                nhat_W=nhat_W,
+                slip_W=v_WC - np.cross(Jw @ v, finger.radius * nhat_W) - v_object,
+                pivot_W=v_WC - v_WO - np.cross(w_WO, p_WC - p_WO),
+            )
+        return touches
+
+    @cached_property
+    def clearance(self) -> tuple[float, str]:
+        """Smallest distance of all pairs that may not overlap, fingertips on the object left out, m, and the pair."""
+        hand = self.scene.hand
+        self.scene.set(self.state.q, self.state.X_WO)
+        return min(self.scene.clearances(0.02, exclude=[f.name for f in hand.fingers]))
+
+    @cached_property
+    def limit_margin(self) -> tuple[float, str]:
+        """Smallest distance of a joint from its limits, rad, and the joint."""
+        hand, q = self.scene.hand, self.state.q
+        margins = np.minimum(q - hand.q_lower, hand.q_upper - q)
+        worst = int(margins.argmin())
+        return float(margins[worst]), hand.joints[worst]
+
+    @cached_property
+    def speed(self) -> tuple[float, str]:
+        """Largest joint speed, rad/s, and the joint."""
+        worst = int(np.abs(self.state.v).argmax())
+        return float(abs(self.state.v[worst])), self.scene.hand.joints[worst]
