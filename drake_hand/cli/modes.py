@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Any
-from xml.etree import ElementTree
 
 from cyclopts import Parameter
 
@@ -12,6 +11,7 @@ from drake_hand.cli.output import print_json, print_table
 from drake_hand.contact.submodel import JointCount, finger_mechanism, hand_mechanism
 from drake_hand.files import load, resolve
 from drake_hand.model.hand import SUFFIX, Hand, HandSpec
+from drake_hand.model.xml import read_xml
 from drake_hand.modes.automaton import Automaton
 from drake_hand.modes.code import Mode, contact_counts, listed
 
@@ -136,22 +136,30 @@ def _outline(ref: str) -> tuple[Automaton, list[JointCount]]:
     """
     file = resolve(ref, "hands", SUFFIX)
     spec = load(file, HandSpec)
+    root = read_xml(resolve(spec.urdf, "hands", ".urdf", beside=file), "robot")
     try:
-        root = ElementTree.parse(resolve(spec.urdf, "hands", ".urdf", beside=file)).getroot()
-        above = {j.find("child").attrib["link"]: j for j in root.iter("joint") if j.find("child") is not None}  # type: ignore[union-attr]
-        names: list[str] = []
+        # child link: (parent link, joint, type, whether it follows another)
+        above = {
+            j.find("child").attrib["link"]: (  # type: ignore[union-attr]
+                j.find("parent").attrib["link"],  # type: ignore[union-attr]
+                j.attrib["name"],
+                j.attrib["type"],
+                j.find("mimic") is not None,
+            )
+            for j in root.findall("joint")
+        }
+        joints: list[str] = []
         counts = []
         for finger in spec.fingers:
-            link, moving = finger.tip.link, []
+            link, commanded, axes = finger.tip.link, [], 0
             while link != spec.palm:
-                joint = above.pop(link)
-                moving += [joint] if joint.attrib["type"] != "fixed" else []
-                link = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
-            commanded = [j.attrib["name"] for j in reversed(moving) if j.find("mimic") is None]
-            names += commanded
-            counts.append(JointCount(axes=len(moving), couplings=len(moving) - len(commanded)))
-        fingers = tuple(f.name for f in spec.fingers)
-    except (ElementTree.ParseError, KeyError, AttributeError, ValueError, OSError):
+                link, name, kind, follows = above.pop(link)
+                axes += kind != "fixed"
+                commanded += [name] if kind != "fixed" and not follows else []
+            joints += reversed(commanded)
+            counts.append(JointCount(axes=axes, couplings=axes - len(commanded)))
+    except (KeyError, AttributeError):
         full = Hand.load(ref)
         return Automaton.of(full, "object"), [JointCount.of(f) for f in full.fingers]
-    return Automaton(fingers=fingers, joints=tuple(names), object_name="object"), counts
+    fingers = tuple(f.name for f in spec.fingers)
+    return Automaton(fingers=fingers, joints=tuple(joints), object_name="object"), counts
