@@ -29,23 +29,20 @@ class Limits:
     """(nq + 6,) rad/s^2, N, Nm; the last six are infinite in plans without forces."""
     mass: float
     p_OCom: np.ndarray
-    inertia_O: np.ndarray
-    """(3, 3) about the centre of mass, kg m^2."""
+    I_OCom: np.ndarray
 
     @classmethod
     def of(cls, path: Path) -> Limits:
-        """The hand's limits; the object's mass is spread over its bounding box, which is never too little inertia."""
-        corners = np.concatenate([g.corners @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] for g in path.object.geometries])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        squares = (high - low) ** 2
-        mass = path.task.physics.object_mass_kg or path.object.mass
+        """The hand's limits; the object's inertia goes with the mass the task gives it."""
+        body = path.object
+        mass = path.task.physics.object_mass_kg or body.mass
         force = INERTIA_SHARE * mass * _G if any(leg.f_W for leg in path.legs) else np.inf
         return cls(
             speed=np.concatenate([path.hand.speed, np.full(6, np.inf)]),
             acceleration=np.concatenate([path.hand.acceleration, [force] * 3, [force * _TORQUE_LENGTH] * 3]),
             mass=mass,
-            p_OCom=(low + high) / 2,
-            inertia_O=np.diag(squares.sum() - squares) * mass / 12,
+            p_OCom=body.p_OCom,
+            I_OCom=body.I_OCom * mass / body.mass,
         )
 
 
@@ -88,7 +85,7 @@ class Curve:
         X, V, _ = poses(x, dx, ddx)
         R, w = X[:, :3, :3], V[:, :3]
         linear = self.limits.mass * (V[:, 3:] + np.cross(w, R @ self.limits.p_OCom))
-        angular = np.einsum("kij,jl,kml,km->ki", R, self.limits.inertia_O, R, w)
+        angular = np.einsum("kij,jl,kml,km->ki", R, self.limits.I_OCom, R, w)
         return CubicSpline(s, np.hstack([linear, angular]))
 
     def rates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

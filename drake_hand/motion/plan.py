@@ -85,6 +85,8 @@ class Plan(_Strict, frozen=True, kw_only=True):
     task: Task
     hand: str
     urdf_sha256: str
+    object_sha256: str = ""
+    """With the hand's, what ties a plan to the models it was made for."""
     fingers: list[str]
     joints: list[str]
     object_mass_kg: float

@@ -55,6 +55,7 @@ def time_path(path: Path) -> Plan:
         task=task,
         hand=hand.name,
         urdf_sha256=hand.urdf_sha256,
+        object_sha256=path.object.sha256,
         fingers=[f.name for f in hand.fingers],
         joints=list(hand.joints),
         object_mass_kg=limits.mass,

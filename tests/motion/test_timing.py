@@ -21,11 +21,13 @@ NQ = HAND.nq
 
 def path_of(legs, *, timing="parabolic"):
     rod = Geometry(kind="cylinder", X_OG=np.eye(4), size=(0.008, 0.15))
+    across = 0.01 * (3 * 0.008**2 + 0.15**2) / 12
+    inertia = np.diag([across, across, 0.01 * 0.008**2 / 2])
     motion = [Step(grasp=Grasp()), Step(rotate=Rotate(axis=(0, 0, 1), angle_deg=30))]
     return Path(
         legs=tuple(legs),
         hand=HAND,
-        object=Object(name="rod", file=HAND.file, link="rod", mass=0.01, geometries=(rod,)),
+        object=Object(name="rod", file=HAND.file, link="rod", mass=0.01, geometries=(rod,), I_OCom=inertia),
         task=Task(
             hand="kanguera",
             object="pencil",
