@@ -1,0 +1,105 @@
+"""The whole way in one call each: plan, check and show, for scripts, notebooks and the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import msgspec
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.files import convert
+from drake_hand.motion.plan import Certificate, Plan
+from drake_hand.planning.task import Options, Task
+
+ProgressCallback = Callable[[Any], None]
+"""Is told a record with ``stage`` and numbers worth seeing, now and then."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanResult:
+    """A certified plan and what it took to find it."""
+
+    plan: Plan
+    regrasps: int
+    """Fingers that broke contact and made it elsewhere."""
+    plan_s: float
+    """Seconds from task to timed plan; imports and certificate apart."""
+    stages_s: dict[str, float]
+    """Seconds by stage, the certificate among them."""
+
+
+def solve(
+    task: Task | str | Path,
+    *,
+    progress: ProgressCallback | None = None,
+    seed: int | None = None,
+    time_limit: float | None = None,
+) -> PlanResult:
+    """Searches, times and certifies a plan.
+
+    Args:
+        task: a task, its bundled name or its path.
+        progress: is told how far the search is.
+        seed: instead of the task's.
+        time_limit: s, instead of the task's.
+
+    Raises:
+        InputError: the task, hand or object is wrong.
+        NoPlanFound: there is no plan, or none in time, or what was found does not pass the certificate.
+    """
+    if not isinstance(task, Task):
+        task = Task.load(task)
+    wishes = {k: v for k, v in {"seed": seed, "time_limit_s": time_limit}.items() if v is not None}
+    options = convert(msgspec.to_builtins(task.options) | wishes, Options)
+    task = msgspec.structs.replace(task, options=options)
+
+    from drake_hand.motion.timing import time_path
+    from drake_hand.planning.planner import find_path
+    from drake_hand.verify.certificate import certify
+
+    start = perf_counter()
+    path = find_path(task, progress=progress)
+    found = perf_counter()
+    plan = time_path(path)
+    timed = perf_counter()
+    certificate = certify(plan, progress=progress)
+    stages_s = {**path.stats["stages_s"], "timing": timed - found, "certificate": perf_counter() - timed}
+    if not certificate.certified:
+        reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
+        raise NoPlanFound(reason, evidence={"stages_s": stages_s, "modes": plan.modes})
+    return PlanResult(
+        plan=msgspec.structs.replace(plan, certificate=certificate),
+        regrasps=path.stats["regrasps"],
+        plan_s=timed - start,
+        stages_s=stages_s,
+    )
+
+
+def plan(
+    task: Task | str | Path,
+    *,
+    progress: ProgressCallback | None = None,
+    seed: int | None = None,
+    time_limit: float | None = None,
+) -> Plan:
+    """The certified plan alone; arguments and errors as :func:`solve`."""
+    return solve(task, progress=progress, seed=seed, time_limit=time_limit).plan
+
+
+def check(plan: Plan, *, progress: ProgressCallback | None = None) -> Certificate:
+    """Proves a plan again, by code that shares nothing with the planner but the model (DESIGN 3.4)."""
+    from drake_hand.verify.certificate import certify
+
+    return certify(plan, progress=progress)
+
+
+def show(plan: Plan) -> str:
+    """A plan as one HTML page, to be written to a file or shown in a notebook."""
+    from drake_hand.model.scene import Scene
+    from drake_hand.view.show import render
+
+    return render(plan, Scene.of(plan.task))

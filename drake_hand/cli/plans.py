@@ -1,0 +1,189 @@
+"""Commands about plans: plan, check, simulate, show, plot."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from cyclopts import Parameter
+
+from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
+from drake_hand.errors import InputError
+from drake_hand.files import write_atomic
+from drake_hand.motion.plan import Certificate, Plan, Worst
+
+
+def plan(
+    task: str,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    html: Path | None = None,
+    seed: int | None = None,
+    time_limit: float | None = None,
+    json: bool = False,
+) -> int:
+    """Find a certified plan for a task.
+
+    Exit status: 0 certified, 1 no plan (says which mode, finger, constraint and pose blocked), 2 wrong input.
+
+    ```console
+    $ drake-hand plan spin -o spin.plan.json --html spin.html
+    $ drake-hand plan my.task.yaml --seed 3 --time-limit 20 --json
+    ```
+
+    Args:
+        task: a bundled name (spin, paper, twirl, carry) or a task file.
+        output: the plan file; TASK.plan.json here if not given.
+        html: also write a standalone page to watch it.
+        seed: instead of the task's.
+        time_limit: seconds, instead of the task's.
+        json: print one JSON object on stdout.
+    """
+    from drake_hand import api
+
+    output = output or Path(Path(task).name.removesuffix(".task.yaml") + ".plan.json")
+    if output.suffix != ".json":
+        raise InputError("plan files end in .json", key="--output", found=output, expected=output.with_suffix(".json"))
+    with progress_display(quiet=json) as progress:
+        result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+    found = result.plan
+    page = api.show(found) if html else None
+    found.save(output)
+    if html and page:
+        write_atomic(html, page)
+    if json:
+        print_json(
+            {
+                "status": "certified",
+                "modes": found.modes,
+                "regrasps": result.regrasps,
+                "duration_s": found.duration,
+                "plan_s": result.plan_s,
+                "stages_s": result.stages_s,
+                "output": str(output),
+            }
+        )
+        return 0
+    _print_parts(found)
+    if found.certificate:
+        _print_certificate(found.certificate)
+    stages = ", ".join(f"{name} {s:.2f} s" for name, s in result.stages_s.items())
+    print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
+    print(f"planned in {result.plan_s:.2f} s ({stages})")
+    print(f"wrote {output}" + (f" and {html}" if html else ""))
+    return 0
+
+
+def check(file: Path, /, *, json: bool = False) -> int:
+    """Prove a plan again, from its file alone.
+
+    Exit status: 0 certified, 1 not certified (says what fails, and where), 2 not a plan, or edited since it was made.
+
+    ```console
+    $ drake-hand check spin.plan.json
+    ```
+
+    Args:
+        file: the plan file.
+        json: print one JSON object on stdout.
+    """
+    from drake_hand import api
+
+    subject = Plan.load(file)
+    with progress_display(quiet=json) as progress:
+        certificate = api.check(subject, progress=progress)
+    edited = _edited(subject, file)
+    certified = certificate.certified and edited is None
+    if json:
+        answer = msgspec.to_builtins(certificate) | {"certified": certified}
+        print_json(answer | (error_answer(edited) if edited else {}))
+    else:
+        _print_certificate(certificate)
+        print("certified" if certified else "NOT certified")
+    if edited:
+        print(f"drake-hand: {edited}", file=sys.stderr)
+        return edited.exit_status
+    return 0 if certified else 1
+
+
+def show(file: Path, /, *, html: Path | None = None) -> None:
+    """Watch a plan in the browser: play, pause, scrub, the mode and its timeline beside the hand.
+
+    ```console
+    $ drake-hand show spin.plan.json
+    $ drake-hand show spin.plan.json --html spin.html
+    ```
+
+    Args:
+        file: the plan file.
+        html: write a standalone page there instead of serving it.
+    """
+    from drake_hand import api
+    from drake_hand.view.show import serve
+
+    page = api.show(Plan.load(file))
+    if html:
+        write_atomic(html, page)
+        print(f"wrote {html}")
+    else:
+        serve(page, lambda url: print(f"{file.name} is at {url} (Ctrl-C ends)", flush=True))
+
+
+def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
+    """Draw a plan as figures: modes, joints and speeds against limits, object, contacts, forces.
+
+    ```console
+    $ drake-hand plot spin.plan.json -o figures
+    ```
+
+    Args:
+        file: the plan file, or the record of a run of `execute`.
+        output: the folder for the PNG files.
+    """
+    from drake_hand.model.hand import Hand
+    from drake_hand.view.figures import draw_plan
+
+    subject = Plan.load(file)
+    for written in draw_plan(subject, Hand.load(subject.task.hand), output):
+        print(f"wrote {written}")
+
+
+def _edited(subject: Plan, file: Path) -> InputError | None:
+    """The error of a plan whose certificate is about another content."""
+    if subject.certificate is None or subject.certificate.plan_hash == subject.hash:
+        return None
+    return InputError(
+        "plan was changed after it was certified",
+        file=file,
+        key="certificate.plan_hash",
+        found=subject.certificate.plan_hash,
+        expected=f"{subject.hash} (the hash of what the file holds now)",
+    )
+
+
+def _print_parts(subject: Plan) -> None:
+    print_table(
+        "Parts",
+        ["#>", "mode", "start s>", "end s>", "event"],
+        [(i, p.mode, f"{p.t[0]:.2f}", f"{p.t[-1]:.2f}", ", ".join(p.events)) for i, p in enumerate(subject.parts)],
+    )
+
+
+def _print_certificate(certificate: Certificate) -> None:
+    def place(w: Worst) -> str:
+        when = f"{w.time_s:.3f} s" if w.time_s is not None else ""
+        return ", ".join(x for x in (when, f"part {w.part}" if w.part is not None else "", w.where) if x)
+
+    print_table(
+        f"Certificate ({certificate.samples} samples)",
+        ["", "worst>", "limit>", "", "where"],
+        [
+            (name, "-" if w.value is None else w.value, w.limit, "ok" if w.ok else "FAILS", place(w))
+            for name, w in certificate.worst.items()
+        ],
+    )
+    for failure in certificate.failures:
+        print(f"fails: {failure}")

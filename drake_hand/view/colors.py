@@ -1,0 +1,21 @@
+"""The colours that figures, page and 3-D scene share."""
+
+from __future__ import annotations
+
+SUBMODEL = {"0": "#d5d9e0", "1": "#2a6fbb", "2": "#e08a1e"}
+"""By digit of the mode code: FREE, ROLL, SLIDE."""
+SUBMODEL_NAME = {"0": "free", "1": "rolling", "2": "sliding"}
+
+CONTACT = "#111827"
+
+_FINGERS = ("#8c564b", "#9467bd", "#2ca02c", "#d62728", "#1f77b4", "#17becf", "#bcbd22", "#e377c2")
+
+
+def finger_color(index: int) -> str:
+    """A colour for a finger by its place in the hand, little finger first."""
+    return _FINGERS[index % len(_FINGERS)]
+
+
+def rgb(color: str) -> tuple[float, float, float]:
+    """``#rrggbb`` as three numbers in [0, 1]."""
+    return tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))  # type: ignore[return-value]

@@ -1,0 +1,69 @@
+"""The standalone page: Drake's Meshcat recording with the plan's panel beside it. Needs no Drake."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from string import Template
+
+from drake_hand.motion.plan import Plan
+from drake_hand.view.colors import SUBMODEL
+
+
+def add_panel(
+    html: str, plan: Plan, *, facts: list[tuple[str, str]] | None = None, verdict: tuple[str, bool] | None = None
+) -> str:
+    """Puts the panel into a page of Meshcat's ``StaticHtml``.
+
+    Args:
+        html: the page; its recording must last as long as the plan.
+        plan: what is shown.
+        facts: name and value pairs of the card; the certificate's worst values if not given.
+        verdict: the badge and whether it is good news; whether the plan is certified if not given.
+    """
+    certificate = plan.certificate
+    badge, good = verdict or ("certified" if plan.certified else "not certified", plan.certified)
+    if facts is None:
+        worst = certificate.worst if certificate else {}
+        facts = [(name, f"{w.value:.3g}") for name, w in worst.items() if w.value is not None]
+    data = {
+        "title": title(plan),
+        "subtitle": f"{plan.hand}, {plan.duration:.1f} s",
+        "verdict": badge,
+        "good": good,
+        "facts": [(name.replace("_", " "), value) for name, value in facts],
+        "fingers": plan.fingers,
+        "duration": plan.duration,
+        "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],
+        "rows": [_row(plan, i) for i in range(len(plan.fingers))],
+    }
+    template = Template(resources.files("drake_hand.view").joinpath("panel.html").read_text(encoding="utf-8"))
+    colors = {"free": SUBMODEL["0"], "roll": SUBMODEL["1"], "slide": SUBMODEL["2"]}
+    panel = template.substitute(colors, data=json.dumps(data).replace("</", "<\\/"))
+    before, end, after = html.rpartition("</body>")
+    return f"{before}{panel}{end}{after}"
+
+
+def title(plan: Plan) -> str:
+    """What a plan does, in a few words: ``pencil: grasp, rotate 360 deg``."""
+    words = []
+    for step in plan.task.motion:
+        if step.rotate:
+            words.append(f"rotate {step.rotate.angle_deg:g} deg")
+        elif step.translate:
+            words.append("translate {:g}, {:g}, {:g} mm".format(*step.translate.by_mm))
+        else:
+            words.append(step.kind.replace("_", " "))
+    name = plan.task.object.replace("\\", "/").rpartition("/")[2].partition(".")[0]
+    return f"{name}: {', '.join(words)}"
+
+
+def _row(plan: Plan, finger: int) -> list[tuple[int, float, float]]:
+    """Submodel, start and end of one finger's stretches, neighbours merged."""
+    row: list[tuple[int, float, float]] = []
+    for part in plan.parts:
+        digit, start, end = int(part.mode[finger]), part.t[0], part.t[-1]
+        if row and row[-1][0] == digit:
+            start = row.pop()[1]
+        row.append((digit, start, end))
+    return row
