@@ -154,6 +154,7 @@ EMCY_WORDS = {
     0x8120: "CAN passive mode",
     0x8130: "heartbeat lost",
     0x81FD: "CAN bus off",
+    0x8210: "PDO length error",
     0x8250: "RPDO timeout",
     0x8611: "following error",
     0x8A80: "negative limit switch",

@@ -1,0 +1,66 @@
+"""Motor and position servo of a simulated drive: second-order lag under a torque limit.
+
+    x'' = clip(w^2 (r - x) - 2 zeta w x', +-a_max)
+
+Without feed-forward, so that at steady speed the motor trails its demand by `LAG_S` seconds: the tracking error to
+expect.
+"""
+
+from __future__ import annotations
+
+import math
+
+from drake_hand.epos.sim_motion import Demand
+
+NATURAL_RAD_S = 2 * math.pi * 25
+DAMPING_RATIO = 0.7
+LAG_S = 2 * DAMPING_RATIO / NATURAL_RAD_S
+"""Lag behind the demand at steady speed, 8.9 ms."""
+MAX_ACCELERATION_RAD_S2 = 40_000.0
+"""Torque limit over inertia: 4 mNm over twice the rotor's inertia of 0.5e-7 kg m^2."""
+INERTIA, TORQUE_CONSTANT = 1.0e-7, 19.7e-3
+COAST_S = 0.02
+"""Time constant with which the unpowered motor slows down."""
+
+
+class Motor:
+    """Position and speed at the encoder, in counts and counts/s.
+
+    Args:
+        counts_per_turn: quadrature counts.
+        position: where it starts.
+    """
+
+    def __init__(self, counts_per_turn: int, position: float = 0.0) -> None:
+        self.position = position
+        self.velocity = 0.0
+        self.current_ma = 0.0
+        self.stuck = False
+        """Fault: the axis does not move whatever the torque."""
+        self.slip = 0.0
+        """Fault: counts/s by which the motor runs away from its demand."""
+        self._turn = counts_per_turn
+        self._limit = MAX_ACCELERATION_RAD_S2 * counts_per_turn / (2 * math.pi)
+
+    @property
+    def still(self) -> bool:
+        """Whether it is at rest, to a count in a second."""
+        return abs(self.velocity) < 1.0
+
+    def step(self, demand: Demand, dt: float, powered: bool) -> None:
+        """Advances by dt seconds."""
+        if powered:
+            error = demand.position - self.position
+            wanted = NATURAL_RAD_S * (NATURAL_RAD_S * error - 2 * DAMPING_RATIO * self.velocity)
+            acceleration = min(max(wanted, -self._limit), self._limit)
+        else:
+            acceleration = -self.velocity / COAST_S
+        self.current_ma = 1e3 * INERTIA / TORQUE_CONSTANT * acceleration * 2 * math.pi / self._turn if powered else 0.0
+        if self.stuck:
+            self.velocity = 0.0
+        elif self.slip and powered:
+            self.velocity = demand.velocity + self.slip
+            self.position += self.velocity * dt
+        else:
+            self.velocity += acceleration * dt
+            self.position += self.velocity * dt
