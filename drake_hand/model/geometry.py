@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from drake_hand.errors import InputError
 from drake_hand.model.meshes import convex_parts
+from drake_hand.model.xml import Source, read_origin
 
 if TYPE_CHECKING:
     import trimesh
@@ -68,53 +66,6 @@ class Geometry:
             mesh = trimesh.creation.capsule(radius=self.size[0], height=self.size[1], count=(32, 32))
             mesh.apply_translation(-mesh.bounds.mean(axis=0))
         return mesh.apply_transform(self.X_OG)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Source:
-    """Where a piece of XML came from, for errors, and how its mesh URIs are found."""
-
-    file: Path
-    key: str
-    find_mesh: Callable[[str], Path]
-
-    def error(self, message: str, found: object, expected: str) -> InputError:
-        """An :class:`InputError` that names this place."""
-        return InputError(message, file=self.file, key=self.key, found=found, expected=expected)
-
-    def numbers(self, text: str | None, n: int, *, positive: bool = False) -> np.ndarray:
-        """Parses `n` finite (and, if asked, positive) numbers.
-
-        Raises:
-            InputError: anything else.
-        """
-        expected = f"{n} {'positive' if positive else 'finite'} number{'s' if n > 1 else ''}"
-        try:
-            values = np.array([float(word) for word in (text or "").split()])
-        except ValueError:
-            raise self.error("not a number", text, expected) from None
-        if len(values) != n or not np.isfinite(values).all() or (positive and not (values > 0).all()):
-            raise self.error("wrong numbers", text, expected)
-        return values
-
-
-def read_origin(element: ET.Element | None, source: Source) -> np.ndarray:
-    """(4, 4) pose of an ``<origin xyz rpy>`` element; identity where there is none.
-
-    Raises:
-        InputError: not three finite numbers each.
-    """
-    X = np.eye(4)
-    if element is None:
-        return X
-    X[:3, 3] = source.numbers(element.get("xyz", "0 0 0"), 3)
-    (cr, cp, cy), (sr, sp, sy) = (f(source.numbers(element.get("rpy", "0 0 0"), 3)) for f in (np.cos, np.sin))
-    X[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return X
 
 
 def read_collision(element: ET.Element, source: Source) -> list[Geometry]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from drake_hand.errors import InputError, nearest
+from drake_hand.model.xml import read_xml
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +50,8 @@ class Urdf:
     root: str
     links: tuple[str, ...]
     joints: dict[str, Joint]
+    shaped: frozenset[str]
+    """Links with collision geometry."""
 
     def chain(self, base: str, tip: str) -> list[Joint] | None:
         """Joints from link `base` to link `tip`, base first; None if `tip` is not below `base`."""
@@ -59,18 +65,59 @@ class Urdf:
             link = parent[link].parent
         return path[::-1]
 
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """Moving joints that follow no other."""
+        return tuple(j.name for j in self.joints.values() if j.moves and j.mimic is None)
+
+    def bodies(self, held: Iterable[str] = ()) -> list[list[str]]:
+        """Links that move as one, in groups; the first of a group is the one nearest the root.
+
+        Args:
+            held: moving joints taken as fixed.
+        """
+        held = set(held)
+        moves = {j.child for j in self.joints.values() if j.moves and j.name not in held}
+        groups: dict[str, list[str]] = {}
+        for link in self._outward():
+            parent = next((j.parent for j in self.joints.values() if j.child == link), None)
+            home = groups[parent] if parent is not None and link not in moves else []
+            home.append(link)
+            groups[link] = home
+        return [group for link, group in groups.items() if group[0] == link]
+
+    def _outward(self) -> list[str]:
+        """Links that hang on the root, parents before children."""
+        order = [self.root]
+        for link in order:
+            order += [j.child for j in self.joints.values() if j.parent == link and j.child not in order]
+        return order
+
     @classmethod
     def load(cls, file: Path) -> Urdf:
         """Reads a URDF.
 
         Raises:
-            InputError: not a URDF, limits the wrong way round, non-finite numbers, unknown joint types or links.
+            InputError: not a URDF, limits the wrong way round, non-finite numbers, unknown joint types or links,
+                names given twice, links in a cycle or with two parents.
         """
         import yourdfpy
 
+        root = read_xml(file, "robot")
+        for tag in ("link", "joint"):
+            names = [e.get("name") for e in root.findall(tag)]
+            twice = sorted({str(n) for n in names if names.count(n) > 1})
+            if twice or None in names:
+                raise InputError(
+                    f"{tag} names must be given, and once", file=file, key=tag, found=twice, expected="distinct names"
+                )
+        shaped = frozenset(e.get("name", "") for e in root.findall("link") if e.find("collision") is not None)
+        for link in root.findall("link"):  # shapes are not its business, and it refuses Drake's
+            for shape in [*link.findall("visual"), *link.findall("collision")]:
+                link.remove(shape)
         try:
             robot = yourdfpy.URDF.load(
-                str(file), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
+                io.BytesIO(ET.tostring(root)), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
             ).robot
         except Exception as e:  # yourdfpy raises whatever its XML and number parsing raise
             raise InputError(
@@ -143,7 +190,7 @@ class Urdf:
                 if j.mimic is None
                 else (j.mimic.joint, _or(j.mimic.multiplier, 1.0), _or(j.mimic.offset, 0.0)),
             )
-        children = {j.child for j in joints.values()}
+        children = [j.child for j in joints.values()]
         roots = [link for link in links if link not in children]
         if len(roots) != 1:
             raise InputError(
@@ -152,7 +199,14 @@ class Urdf:
                 found=roots or "none (a cycle)",
                 expected="exactly one root link",
             )
-        return cls(file=file, root=roots[0], links=links, joints=joints)
+        twice = sorted({child for child in children if children.count(child) > 1})
+        if twice:
+            raise InputError("link has two parents", file=file, key="joint", found=twice, expected="a tree of links")
+        urdf = cls(file=file, root=roots[0], links=links, joints=joints, shaped=shaped)
+        loose = sorted(set(links) - set(urdf._outward()))
+        if loose:
+            raise InputError("links form a cycle", file=file, key="joint", found=loose, expected="a tree of links")
+        return urdf
 
 
 def _or(value: float | None, default: float) -> float:

@@ -1,0 +1,207 @@
+"""Puts a hand and an object into a Drake plant: palm welded to the world, object free, neighbours filtered."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from pydrake.geometry import (
+    AddContactMaterial,
+    Box,
+    Capsule,
+    CollisionFilterDeclaration,
+    Convex,
+    Cylinder,
+    GeometrySet,
+    ProximityProperties,
+    SceneGraph,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from drake_hand.errors import InputError
+from drake_hand.model.geometry import Geometry
+from drake_hand.model.hand import Finger, Hand
+from drake_hand.model.meshes import to_drake
+from drake_hand.model.object import Object
+from drake_hand.model.readable import readable
+from drake_hand.model.xml import write_xml
+
+_FRICTION = 0.8
+"""Of shapes for which the caller states no properties."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Added:
+    """What was put into the plant."""
+
+    hand: ModelInstanceIndex
+    object: ModelInstanceIndex | None
+    report: tuple[str, ...]
+    """What was put right or assumed, and what Drake's parser had to say, a line each."""
+
+
+def add_hand_and_object(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    object_: Object | None,
+    *,
+    tip_properties: Callable[[Finger], ProximityProperties] | None = None,
+    object_properties: ProximityProperties | None = None,
+) -> Added:
+    """Adds a hand, its palm frame on the world frame W, and a free object to a plant not yet finalized.
+
+    Joints have the limits of the hand file, commanded ones an actuator; joints of no finger are fixed at zero. The
+    shape of each fingertip is the sphere of the hand file, whatever the shape of the tip link in the URDF. Links that
+    meet in a joint, also across links without shape (Kardan), and the pairs of ``ignore_collisions`` are not checked
+    against each other.
+
+    Args:
+        plant: registered with `scene_graph`, not finalized.
+        scene_graph: where the shapes go.
+        hand: the hand.
+        object_: the object, if there is one.
+        tip_properties: contact properties of a fingertip (compliance, friction), for physics.
+        object_properties: the same for the object.
+
+    Raises:
+        InputError: what Drake's parser refuses, by file.
+    """
+    report: list[str] = []
+    robot = _hand_xml(hand, report)
+    hand_model = _parse(plant, robot, hand.urdf.file, report)
+    X_RootPalm = np.eye(4)
+    for joint in hand.urdf.chain(hand.urdf.root, hand.palm) or []:
+        X_RootPalm = X_RootPalm @ joint.X_PC
+    root = plant.GetFrameByName(hand.urdf.root, hand_model)
+    plant.WeldFrames(plant.world_frame(), root, RigidTransform(X_RootPalm).inverse())
+    for finger in hand.fingers:
+        properties = tip_properties(finger) if tip_properties else _plain_properties()
+        body = plant.GetBodyByName(finger.tip_link, hand_model)
+        X_LC = RigidTransform(finger.p_LC)
+        plant.RegisterCollisionGeometry(body, X_LC, Sphere(finger.radius), f"{finger.name}_tip_sphere", properties)
+    _filter(plant, scene_graph, hand, hand_model)
+    if object_ is None:
+        return Added(hand=hand_model, object=None, report=tuple(report))
+    object_model = _parse(plant, ET.fromstring(object_.body_xml), object_.file, report)
+    body = plant.GetBodyByName(object_.link, object_model)
+    for i, g in enumerate(object_.geometries):
+        properties = object_properties or _plain_properties()
+        plant.RegisterCollisionGeometry(body, RigidTransform(g.X_OG), _shape(g), f"{object_.name}_{i}", properties)
+    report += [f"object {object_.name}: {note}" for note in object_.notes]
+    return Added(hand=hand_model, object=object_model, report=tuple(report))
+
+
+def filtered_pairs(hand: Hand) -> list[tuple[list[str], list[str]]]:
+    """Groups of links that are never checked against each other: (group, other), or (group, group) for one body."""
+    held = _held(hand)
+    bodies = hand.urdf.bodies(held)
+    shaped = hand.urdf.shaped | {f.tip_link for f in hand.fingers}
+    body_of = {link: body for body in bodies for link in body}
+    parent = {j.child: j.parent for j in hand.urdf.joints.values()}
+    pairs = [(body, body) for body in bodies]
+    for body in bodies:
+        above = body
+        while above[0] in parent:
+            above = body_of[parent[above[0]]]
+            if shaped & set(above):
+                pairs.append((body, above))
+                break
+    return pairs + [([a], [b]) for a, b in hand.ignore_collisions]
+
+
+def _held(hand: Hand) -> list[str]:
+    """Moving joints of no finger."""
+    own = {axis.joint for finger in hand.fingers for axis in finger.axes}
+    return [j.name for j in hand.urdf.joints.values() if j.moves and j.name not in own]
+
+
+def _hand_xml(hand: Hand, report: list[str]) -> ET.Element:
+    robot, notes = readable(hand.urdf, lambda mesh: str(to_drake(mesh)))
+    held = _held(hand)
+    report += notes + [f"joint {name}: belongs to no finger, fixed at zero" for name in held]
+    for joint in robot.findall("joint"):
+        name = joint.get("name", "")
+        if name in held:
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+        elif name in hand.joints:
+            i = hand.joints.index(name)
+            for old in joint.findall("limit"):
+                joint.remove(old)
+            limit = {"lower": hand.q_lower, "upper": hand.q_upper, "velocity": hand.speed, "effort": hand.effort}
+            ET.SubElement(joint, "limit", {key: f"{values[i]:.12g}" for key, values in limit.items()})
+            if joint.get("type") == "continuous":
+                joint.set("type", "revolute")
+    for transmission in robot.findall("transmission"):
+        if not {j.get("name") for j in transmission.findall("joint")} <= set(hand.joints):
+            robot.remove(transmission)
+    tips = {finger.tip_link for finger in hand.fingers}
+    for link in robot.findall("link"):
+        if link.get("name") in tips:
+            for shape in link.findall("collision"):
+                link.remove(shape)
+    return robot
+
+
+def _parse(plant: MultibodyPlant, robot: ET.Element, file: Path, report: list[str]) -> ModelInstanceIndex:
+    parser = Parser(plant)
+    parser.SetAutoRenaming(True)
+    for mesh in robot.iter("mesh"):
+        mesh.set("filename", f"file://{mesh.get('filename')}")
+    with _drake_log(report):
+        try:
+            (model,) = parser.AddModelsFromString(write_xml(robot), "urdf")
+        except RuntimeError as e:
+            found = " ".join(str(e).split())
+            raise InputError("Drake cannot read the model", file=file, found=found, expected="a readable URDF") from e
+    return model
+
+
+def _filter(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, model: ModelInstanceIndex) -> None:
+    def shapes(links: list[str]) -> GeometrySet:
+        return plant.CollectRegisteredGeometries([plant.GetBodyByName(link, model) for link in links])
+
+    manager = scene_graph.collision_filter_manager()
+    for group, other in filtered_pairs(hand):
+        manager.Apply(CollisionFilterDeclaration().ExcludeBetween(shapes(group), shapes(other)))
+
+
+def _shape(g: Geometry) -> Shape:
+    if g.kind == "mesh":
+        return Convex(points=g.vertices.T, label="piece")
+    return {"sphere": Sphere, "capsule": Capsule, "cylinder": Cylinder, "box": Box}[g.kind](*g.size)
+
+
+def _plain_properties() -> ProximityProperties:
+    properties = ProximityProperties()
+    AddContactMaterial(friction=CoulombFriction(_FRICTION, _FRICTION), properties=properties)
+    return properties
+
+
+@contextmanager
+def _drake_log(report: list[str]) -> Iterator[None]:
+    """What Drake logs meanwhile goes to the report."""
+
+    class Collect(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            report.append(" ".join(record.getMessage().split()))
+
+    logger, handler = logging.getLogger("drake"), Collect()
+    propagate, handlers = logger.propagate, logger.handlers[:]
+    logger.propagate, logger.handlers = False, [handler]
+    try:
+        yield
+    finally:
+        logger.propagate, logger.handlers = propagate, handlers
