@@ -43,6 +43,7 @@ class Clearance:
         hand = scene.hand
         self.hand: Hand = hand
         self.surface = Surface.of(scene.object)
+        self.p_OCom = scene.object.p_OCom
         self.kinematics = [FingerKinematics.of(hand, f) for f in hand.fingers]
         self._palm = Surface(tuple(g for _, g in _geometries(scene, hand.palm)))
         self._spheres = [_fill(scene, f) for f in hand.fingers]
@@ -177,5 +178,3 @@ def _fill_geometry(g: Geometry) -> tuple[np.ndarray, float]:
         p, n = bare.sample(2.5 * _SHELL)
         centres, r = p - _SHELL * n, _SHELL
     return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], r
-
-

@@ -81,7 +81,9 @@ def _samples(X0: np.ndarray, step: Step) -> list[np.ndarray]:
         axis, point = rotation_line(X0, step.rotate)
         angle = np.radians(step.rotate.angle_deg)
         radius = np.linalg.norm(np.cross(X0[:3, 3] - point, axis))
-        turn = Rotation.from_rotvec(axis[None] * np.linspace(0, 1, _count(abs(angle), abs(angle) * radius) + 1)[1:, None] * angle)
+        turn = Rotation.from_rotvec(
+            axis[None] * np.linspace(0, 1, _count(abs(angle), abs(angle) * radius) + 1)[1:, None] * angle
+        )
         out = np.tile(np.eye(4), (len(turn), 1, 1))
         out[:, :3, :3] = turn.as_matrix() @ X0[:3, :3]
         out[:, :3, 3] = point + turn.apply(X0[:3, 3] - point)

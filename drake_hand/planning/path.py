@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -44,3 +44,6 @@ class Path:
     hand: Hand
     object: Object
     task: Task
+    """With the start pose that was found, where ``auto`` was asked."""
+    stats: dict[str, Any] = field(default_factory=dict)
+    """``stages_s`` {name: seconds}, ``expansions``, ``regrasps``."""

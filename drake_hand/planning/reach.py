@@ -6,7 +6,7 @@ by finger, in one batch over a grid of contacts on the surface.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class Hold:
     """(L, 3) outward normals in W."""
     J_WP: np.ndarray
     """(L, 3, m) Jacobian of the tip's material point at the contact, m/rad."""
+    limited_by: str
+    """What ends it: ``joint limit``, ``singular``, ``edge``, ``collision`` or ``end`` (of the path)."""
 
     @property
     def end(self) -> int:
@@ -53,8 +55,19 @@ class Hold:
 class ReachTable:
     """Holds by finger and tick, computed when first asked for; once for all ticks if the path turns a symmetric object."""
 
-    def __init__(self, clearance: Clearance, path: ObjectPath, model: Model) -> None:
+    def __init__(
+        self, clearance: Clearance, path: ObjectPath, model: Model, parked: dict[int, np.ndarray] | None = None
+    ) -> None:
+        """Starts an empty table.
+
+        Args:
+            clearance: of the scene.
+            path: of the object.
+            model: of contact.
+            parked: joint angles (m,) of fingers that stay where they are, by index; holds keep clear of them.
+        """
         self.clearance, self.path, self.model = clearance, path, model
+        self._parked = [(j, clearance.centres(j, q[None])) for j, q in (parked or {}).items()]
         self.symmetric = False
         if path.axis_W is not None and path.point_W is not None:
             X = path.X_WO[0]
@@ -66,6 +79,11 @@ class ReachTable:
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
+    def p_WCom(self, ticks: np.ndarray) -> np.ndarray:
+        """(N, 3) the object's mass centre at ticks (N,), m."""
+        X = self.path.X_WO[ticks]
+        return X[:, :3, :3] @ self.clearance.p_OCom + X[:, :3, 3]
+
     def holds(self, finger: int, tick: int) -> list[Hold]:
         """Contacts the finger can make at a tick, the longest-lasting first."""
         source = 0 if self.symmetric else tick
@@ -74,11 +92,7 @@ class ReachTable:
         table = self._flows[finger, source]
         if source == tick:
             return table
-        left = self.path.ticks - tick + 1
-        return [
-            Hold(finger=h.finger, birth=tick, table=h.table, q=h.q[:left], p_WP=h.p_WP[:left], n_W=h.n_W[:left], J_WP=h.J_WP[:left])
-            for h in table
-        ]
+        return [replace(h, birth=tick) for h in table]
 
     def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
         """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
@@ -111,7 +125,12 @@ class ReachTable:
         c = self.clearance
 
         def blocked(q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
-            return (c.to_object(finger, q, X_WO, tip=False) < CLEARANCE) | (c.to_palm(finger, q) < CLEARANCE)
+            least = np.minimum(c.to_object(finger, q, X_WO, tip=False), c.to_palm(finger, q))
+            if self._parked:
+                centres = c.centres(finger, q)
+                for j, other in self._parked:
+                    least = np.minimum(least, c.between_centres(finger, centres, j, other))
+            return least < CLEARANCE
 
         return roll(
             c.kinematics[finger],
@@ -137,5 +156,6 @@ class ReachTable:
             q=q,
             p_WP=np.einsum("kij,kj->ki", R, flow.p_OP[:L, j]) + X[:, :3, 3],
             n_W=n_W,
+            limited_by=str(flow.limited_by[j]),
             J_WP=J + kin.finger.radius * skew(n_W) @ Jw,
         )

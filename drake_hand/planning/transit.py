@@ -34,9 +34,7 @@ class Surroundings:
     def of(cls, clearance: Clearance, q: np.ndarray, X_WO: np.ndarray, moving: int) -> Surroundings:
         """All fingers but one at rest at q (nq,)."""
         others = tuple(
-            (j, clearance.centres(j, q[None, f.columns]))
-            for j, f in enumerate(clearance.hand.fingers)
-            if j != moving
+            (j, clearance.centres(j, q[None, f.columns])) for j, f in enumerate(clearance.hand.fingers) if j != moving
         )
         return cls(clearance=clearance, X_WO=X_WO, others=others)
 

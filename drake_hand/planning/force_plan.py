@@ -1,0 +1,126 @@
+"""Contact forces for a path's legs, ramped at make and break, and the joint offsets that bring them about."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drake_hand.contact.chain import FingerKinematics, skew
+from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
+from drake_hand.contact.surface import Surface
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.path import Leg
+
+RAMP_KNOTS = 7
+"""Knots of a dwell over which a force is ramped."""
+
+
+def with_ramps(legs: list[Leg]) -> list[Leg]:
+    """Dwells get enough knots for a ramp."""
+
+    def refine(leg: Leg) -> Leg:
+        n = RAMP_KNOTS
+        return replace(
+            leg,
+            q=np.repeat(leg.q[:1], n, axis=0),
+            X_WO=np.repeat(leg.X_WO[:1], n, axis=0),
+            p_OP={name: np.repeat(p[:1], n, axis=0) for name, p in leg.p_OP.items()},
+        )
+
+    return [refine(leg) if _dwells(leg) else leg for leg in legs]
+
+
+def _dwells(leg: Leg) -> bool:
+    return len(leg.q) == 2 and bool(np.array_equal(leg.q[0], leg.q[1]))
+
+
+def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibrium) -> list[Leg]:
+    """Adds forces and joint offsets to the legs of one stretch between a grasp and its release.
+
+    Args:
+        legs: end to end; before the first contact and in the dwell after it a fixture holds the object.
+        hand: the hand.
+        object_: the object.
+        holding: friction, weight, preload and efforts to plan with.
+
+    Returns:
+        The legs with f_W and q_offset.
+
+    Raises:
+        NoPlanFound: no forces balance the object at some knot.
+    """
+    legs = with_ramps(legs)
+    names = [f.name for f in hand.fingers]
+    k, m = len(names), max(len(f.joints) for f in hand.fingers)
+    starts = np.cumsum([0] + [len(leg.q) for leg in legs])
+    n = int(starts[-1])
+    p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
+    normal[..., 2] = 1.0
+    load, held = np.zeros((n, k)), np.zeros(n, dtype=bool)
+    bend = np.ones((n, k))
+    q, X = np.concatenate([leg.q for leg in legs]), np.concatenate([leg.X_WO for leg in legs])
+    surface = Surface.of(object_)
+    for i, finger in enumerate(hand.fingers):
+        kin = FingerKinematics.of(hand, finger)
+        rows = np.concatenate([np.arange(a, a + len(leg.q)) for a, leg in zip(starts, legs, strict=False) if finger.name in leg.p_OP] or [np.zeros(0, dtype=int)])
+        if not len(rows):
+            continue
+        p_WC, _, J_C, Jw = kin.jacobian(q[rows][:, finger.columns])
+        R, t = X[rows, :3, :3], X[rows, :3, 3]
+        p_OC = np.einsum("nji,nj->ni", R, p_WC - t)
+        foot, n_O, _ = surface.closest(p_OC)
+        n_W = np.einsum("nij,nj->ni", R, n_O)
+        p[rows, i] = np.einsum("nij,nj->ni", R, foot) + t
+        normal[rows, i] = n_W
+        J[rows, i, :, : len(finger.columns)] = J_C + finger.radius * skew(n_W) @ Jw
+        # Over the expanded surface the normal turns by 1 / (R_surface + r): its share of r tells how flat the surface is.
+        turn = np.linalg.eigvalsh(surface.curvature(p_OC))
+        bend[rows, i] = np.prod(1 / np.maximum(1 - finger.radius * np.maximum(turn[:, 1:], 0.0), 0.05), axis=1)
+    _loads(legs, starts, names, load, held)
+    forces = balance_forces(
+        p,
+        -normal,
+        load,
+        p_WCom=X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3],
+        force_W=holding.force_W,
+        friction=holding.friction,
+        torsion_radius=holding.torsion_radius,
+        J=J,
+        effort=np.where(np.isfinite(holding.effort), holding.effort, 1e3),
+        preload=holding.target_preload,
+        held=held,
+    )
+    pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
+    depth = pad_compression(hand.pad, pressed, bend)
+    offset = joint_offsets(hand, q, forces.f_W, -normal * depth[..., None])
+    out = []
+    for a, leg in zip(starts, legs, strict=False):
+        b = a + len(leg.q)
+        f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
+        out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
+    return out
+
+
+def _loads(legs: list[Leg], starts: np.ndarray, names: list[str], load: np.ndarray, held: np.ndarray) -> None:
+    """Fills each contact's share of load: full in between, ramped in the dwell after `make` and before `break`."""
+    complete = False
+    for x, leg in enumerate(legs):
+        a, b = int(starts[x]), int(starts[x + 1])
+        rise = np.linspace(0, 1, b - a)
+        before = set(legs[x - 1].p_OP) if x else set()
+        after = set(legs[x + 1].p_OP) if x + 1 < len(legs) else set(leg.p_OP)
+        for name in leg.p_OP:
+            share = np.ones(b - a)
+            if name not in before:
+                share = np.minimum(share, rise)
+            if name not in after:
+                share = np.minimum(share, rise[::-1])
+            load[a:b, names.index(name)] = share
+        if not complete:
+            held[a:b] = True
+            complete = bool(leg.p_OP)
+        elif not after:
+            held[a:b] = True

@@ -1,0 +1,90 @@
+"""What it takes to hold the object: the predicate the search asks of a set of contacts."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from drake_hand.contact.equilibrium import margins
+from drake_hand.model.hand import Hand
+
+
+class Holding(Protocol):
+    """Judges sets of contacts."""
+
+    def margins(
+        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+    ) -> np.ndarray:
+        """How well each set holds the object.
+
+        Args:
+            p_WP: (N, n, 3) contact points, one per finger of the hand, m.
+            n_W: (N, n, 3) outward normals.
+            J_WP: (N, n, 3, m) Jacobians of the tips' contact points, m/rad (zero columns where a finger has fewer joints).
+            mask: (N, n) which fingers are in contact.
+            p_WCom: (N, 3) the object's mass centre, m.
+
+        Returns:
+            (N,) >= 0 where the set holds; the more the better.
+        """
+        ...
+
+
+class Kinematic:
+    """``hold: kinematic``: enough fingers in contact is all the paper asks."""
+
+    def __init__(self, min_contacts: int) -> None:
+        self.min_contacts = min_contacts
+
+    def margins(
+        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+    ) -> np.ndarray:
+        """Contacts beyond the least number, plus up to one half for how well their normals oppose each other."""
+        count = mask.sum(axis=1)
+        net = np.linalg.norm((n_W * mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
+        return count - self.min_contacts + 0.5 * (1 - net)
+
+
+class Equilibrium:
+    """``hold: equilibrium``: the contacts balance gravity inside their friction cones, each pressed with a preload."""
+
+    FRICTION_SHARE = 0.55
+    """Of the friction the task states, what plans rely on: the rest is for what was not modelled."""
+    EFFORT_SHARE = 0.85
+    """Of each joint's effort, likewise."""
+
+    def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
+        """States what has to be held.
+
+        Args:
+            hand: whose joints press.
+            gravity: (3,) in W, m/s^2.
+            mass: of the object, kg.
+            friction: coefficient the task states.
+            preload: normal force every contact must be able to bear beside the balance, N.
+        """
+        self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
+        self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
+        self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
+        for i, finger in enumerate(hand.fingers):
+            self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]
+
+    def margins(
+        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+    ) -> np.ndarray:
+        """Preload every contact can be given, less the one wanted, N."""
+        return (
+            margins(
+                p_WP,
+                -n_W,
+                mask,
+                p_WCom=p_WCom,
+                force_W=self.force_W,
+                friction=self.friction,
+                torsion_radius=self.torsion_radius,
+                J=J_WP,
+                effort=self.effort,
+            )
+            - self.preload
+        )

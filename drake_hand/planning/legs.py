@@ -1,0 +1,90 @@
+"""Legs from search nodes: joint and object knots, modes, events and contact points of a whole path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.planning.path import Leg
+from drake_hand.planning.reach import Hold
+from drake_hand.planning.search import Node, Search
+
+
+class LegBuilder:
+    """Strings legs together; knows the hand's posture, the object's pose and who touches."""
+
+    def __init__(self, hand, q: np.ndarray, X_WO: np.ndarray) -> None:
+        self.hand, self.q, self.X_WO = hand, q, X_WO
+        self.touching: dict[int, np.ndarray] = {}
+        """Contact points in O (3,) by finger index."""
+        self.legs: list[Leg] = []
+        self._events: list[str] = []
+
+    @property
+    def mode(self) -> str:
+        """The mode code of who touches now (rolling)."""
+        return "".join("1" if i in self.touching else "0" for i in range(len(self.hand.fingers)))
+
+    def make(self, finger: int, p_OP: np.ndarray) -> None:
+        """A finger makes contact; takes no time."""
+        self.touching[finger] = p_OP
+        self._events.append(f"make {self.hand.fingers[finger].name}")
+
+    def break_(self, finger: int) -> None:
+        """A finger breaks contact; takes no time."""
+        del self.touching[finger]
+        self._events.append(f"break {self.hand.fingers[finger].name}")
+
+    def dwell(self) -> None:
+        """Everything at rest in this mode: where forces are handed over."""
+        self._add(np.repeat(self.q[None], 2, axis=0), np.repeat(self.X_WO[None], 2, axis=0), {})
+
+    def move(self, pieces: dict[int, np.ndarray]) -> None:
+        """Free fingers move at once, each along (n, m) knots of its own; all with the same n."""
+        n = len(next(iter(pieces.values())))
+        q = np.repeat(self.q[None], n, axis=0)
+        for finger, way in pieces.items():
+            q[:, self.hand.fingers[finger].columns] = way
+        self._add(q, np.repeat(self.X_WO[None], n, axis=0), {})
+
+    def carry(self, holds: tuple[Hold, ...], X_WO: np.ndarray, first: int, last: int) -> None:
+        """The object moves from tick `first` to `last` of a path X_WO (K, 4, 4), held by `holds`."""
+        ticks = np.arange(first, last + 1)
+        X = X_WO[ticks]
+        q = np.repeat(self.q[None], len(ticks), axis=0)
+        points = {}
+        for h in holds:
+            a = ticks - h.birth
+            q[:, self.hand.fingers[h.finger].columns] = h.q[a]
+            points[h.finger] = np.einsum("kji,kj->ki", X[:, :3, :3], h.p_WP[a] - X[:, :3, 3])
+        self._add(q, X, points)
+
+    def _add(self, q: np.ndarray, X_WO: np.ndarray, points: dict[int, np.ndarray]) -> None:
+        p_OP = {}
+        for i in sorted(self.touching):
+            rows = points.get(i, np.repeat(self.touching[i][None], len(q), axis=0))
+            p_OP[self.hand.fingers[i].name] = rows
+            self.touching[i] = rows[-1]
+        self.legs.append(Leg(mode=self.mode, events=tuple(self._events), q=q, X_WO=X_WO, p_OP=p_OP))
+        self._events = []
+        self.q, self.X_WO = q[-1], X_WO[-1]
+
+
+def gait(builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
+    """Appends what the search found: advance, lift one finger, set it down, advance..."""
+    path = search.reach.path
+    for i, node in enumerate(nodes):
+        if i:
+            finger = node.holds[node.slot].finger
+            builder.dwell()
+            builder.break_(finger)
+            for way in node.ways:
+                builder.move({finger: way})
+            X = path.X_WO[node.tick]
+            contact = node.holds[node.slot].at(node.tick)[1]
+            builder.make(finger, X[:3, :3].T @ (contact - X[:3, 3]))
+            builder.dwell()
+        until = nodes[i + 1].tick if i + 1 < len(nodes) else path.ticks
+        stops = [s for s in path.stops if node.tick < s < until]
+        for first, last in zip([node.tick, *stops], [*stops, until], strict=True):
+            if last > first:
+                builder.carry(node.holds, path.X_WO, first, last)

@@ -1,0 +1,314 @@
+"""The planner: from a task to a path, phase by phase (a phase is a grasp or stretch of moving steps in one search)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.errors import InputError, NoPlanFound
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.planning import approach, grasp
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.holding import Holding, Kinematic
+from drake_hand.planning.legs import LegBuilder, gait
+from drake_hand.planning.object_path import ObjectPath, build, pose
+from drake_hand.planning.path import Path
+from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.task import Pose, Step, Task
+
+GRASPS = 6
+"""Grasps that can be approached, handed to one search."""
+TOUCH = 1e-4
+"""A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
+USABLE = 8
+"""A finger takes part by itself if it can hold some contact for this many ticks."""
+
+
+@dataclass
+class Planner:
+    """One planning run; ask :func:`find_path`."""
+
+    task: Task
+    hand: Hand
+    object: Object
+    scene: Scene
+    clearance: Clearance
+    progress: Callable[[Progress], None]
+    started: float
+    stages: dict[str, float] = field(default_factory=dict)
+    expansions: int = 0
+    regrasps: int = 0
+
+    @contextmanager
+    def stage(self, name: str):
+        """Books the time of a stage."""
+        self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
+        t = time.monotonic()
+        try:
+            yield
+        finally:
+            self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
+
+    @property
+    def deadline(self) -> float:
+        """When time is up (monotonic clock)."""
+        return self.started + self.task.options.time_limit_s
+
+    def run(self, X_WO: np.ndarray) -> Path:
+        """Plans all steps from a start pose X_WO (4, 4)."""
+        steps = list(self.task.motion)
+        builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
+        holds: list[Hold] | None = self._start_inside(builder)
+        i = 0
+        while i < len(steps):
+            kind = steps[i].kind
+            if kind == "release":
+                self._release(builder)
+                holds, i = None, i + 1
+                continue
+            moving = steps[i + 1 :] if kind == "grasp" else steps[i:]
+            count = next(
+                (k for k, s in enumerate(moving) if s.kind not in ("rotate", "translate", "move_to")), len(moving)
+            )
+            self._phase(builder, steps[i] if kind == "grasp" else None, build(builder.X_WO, moving[:count]))
+            i += count + (kind == "grasp")
+        return Path(
+            legs=tuple(builder.legs),
+            hand=self.hand,
+            object=self.object,
+            task=self.task,
+            stats={"stages_s": self.stages, "expansions": self.expansions, "regrasps": self.regrasps},
+        )
+
+    def _phase(self, builder: LegBuilder, step: Step | None, path: ObjectPath) -> None:
+        if step is not None and step.grasp is not None:
+            named = step.grasp.fingers
+            fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
+        else:
+            fingers, named = sorted(builder.touching), None
+        with self.stage("reach"):
+            parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
+            q_parked = approach.park(self.clearance, path, parked)
+            self._check_palm(path, q_parked)
+            table = ReachTable(
+                self.clearance,
+                path,
+                self.task.options.model,
+                {i: q_parked[self.hand.fingers[i].columns] for i in parked},
+            )
+            if step is not None:
+                builder.q = q_parked.copy()
+                if named is None:
+                    fingers = [
+                        i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > min(USABLE, path.ticks)
+                    ]
+        holding = self._holding()
+        with self.stage("grasp"):
+            if step is None:
+                roots = [self._continued(builder, table, fingers)]
+            else:
+                roots = self._grasps(builder, table, fingers, holding)
+        search = Search(
+            reach=table,
+            holding=holding,
+            allowed=self._allowed,
+            q_parked=builder.q if step is None else q_parked,
+            deadline=self.deadline,
+            progress=self.progress,
+        )
+        try:
+            with self.stage("search"):
+                nodes, regrasps = search.run(roots)
+        finally:
+            self.expansions += search.expansions
+        self.regrasps += regrasps
+        with self.stage("legs"):
+            if step is not None:
+                closed = approach.close(builder, self.clearance, list(nodes[0].holds))
+                assert closed, "grasps handed to the search can be approached"
+            gait(builder, search, nodes)
+
+    def _holding(self) -> Holding:
+        return Kinematic(self.task.options.min_contacts)
+
+    def _allowed(self, touching: frozenset[int]) -> bool:
+        modes = self.task.options.modes
+        code = "".join("1" if i in touching else "0" for i in range(len(self.hand.fingers)))
+        return modes is None or code in modes
+
+    def _grasps(self, builder: LegBuilder, table: ReachTable, fingers: list[int], holding: Holding) -> list[list[Hold]]:
+        rng = np.random.default_rng(self.task.options.seed)
+        names = {i: self.hand.fingers[i].name for i in fingers}
+        mode = "".join("1" if i in fingers else "0" for i in range(len(self.hand.fingers)))
+        where = f"object at {np.round(builder.X_WO[:3, 3] * 1e3, 2).tolist()} mm"
+        for i in fingers:
+            if not table.holds(i, 0):
+                why = table.limits.get((i, 0), {})
+                total = sum(why.values())
+                word = max(why, key=lambda w: why[w]) if why else "out of reach"
+                raise NoPlanFound(
+                    f"no grasp in mode {mode}: finger {names[i]} can make none of {total} contacts ({word}: {why.get(word, 0)}), {where}",
+                    evidence={"mode": mode, "finger": names[i], "constraint": word, "X_WO": builder.X_WO.tolist()},
+                )
+        if not self._allowed(frozenset(fingers)):
+            raise NoPlanFound(
+                f"grasping with {', '.join(names.values())} needs mode {mode}, which options.modes leaves out, {where}",
+                evidence={"mode": mode, "finger": None, "constraint": "options.modes", "X_WO": builder.X_WO.tolist()},
+            )
+        roots = grasp.select(table, fingers, holding, rng) if fingers else []
+        able = []
+        for _, holds in roots:
+            scratch = LegBuilder(self.hand, builder.q, builder.X_WO)
+            if approach.close(scratch, self.clearance, holds):
+                able.append(holds)
+                if len(able) == GRASPS:
+                    break
+        if not able:
+            what = "holds the object clear of collisions" if not roots else "can be approached without collision"
+            raise NoPlanFound(
+                f"no grasp in mode {mode}: none of the contact sets tried {what}, {where}",
+                evidence={
+                    "mode": mode,
+                    "finger": None,
+                    "constraint": "hold" if not roots else "approach",
+                    "X_WO": builder.X_WO.tolist(),
+                },
+            )
+        return able
+
+    def _continued(self, builder: LegBuilder, table: ReachTable, fingers: list[int]) -> list[Hold]:
+        holds = []
+        for i in fingers:
+            hold = table.from_contact(i, 0, builder.q[self.hand.fingers[i].columns])
+            if hold is None:
+                raise NoPlanFound(
+                    f"finger {self.hand.fingers[i].name} cannot keep its contact in mode {builder.mode}",
+                    evidence={
+                        "mode": builder.mode,
+                        "finger": self.hand.fingers[i].name,
+                        "constraint": "start",
+                        "X_WO": builder.X_WO.tolist(),
+                    },
+                )
+            holds.append(hold)
+        return holds
+
+    def _start_inside(self, builder: LegBuilder) -> None:
+        """``start`` with ``joints_deg``: contacts are where the fingertips touch."""
+        start = self.task.start
+        if not isinstance(start, Pose) or not start.joints_deg:
+            return
+        q = self.hand.q_home.copy()
+        for name, value in start.joints_deg.items():
+            if name not in self.hand.joints:
+                from drake_hand.errors import nearest
+
+                raise InputError(
+                    f"hand '{self.hand.name}' has no joint '{name}'",
+                    key=f"start.joints_deg.{name}",
+                    found=name,
+                    expected=nearest(name, self.hand.joints),
+                )
+            q[self.hand.joints.index(name)] = np.radians(value)
+        builder.q = q
+        for i, finger in enumerate(self.hand.fingers):
+            kin = FingerKinematics.of(self.hand, finger)
+            p_WC = kin.fk(q[None, finger.columns])[0]
+            p_OC = (p_WC - builder.X_WO[:3, 3]) @ builder.X_WO[:3, :3]
+            foot, _, d = self.clearance.surface.closest(p_OC)
+            if abs(d[0] - finger.radius) < TOUCH:
+                builder.make(i, foot[0])
+
+    def _release(self, builder: LegBuilder) -> None:
+        X = builder.X_WO
+        normals = {}
+        for i in builder.touching:
+            kin = self.clearance.kinematics[i]
+            p_WC = kin.fk(builder.q[None, self.hand.fingers[i].columns])[0]
+            n = self.clearance.surface.closest((p_WC - X[:3, 3]) @ X[:3, :3])[1]
+            normals[i] = X[:3, :3] @ n[0]
+        still = ObjectPath(X_WO=X[None], stops=(0,))
+        builder.dwell()
+        if not approach.open_(builder, self.clearance, normals, approach.park(self.clearance, still, [])):
+            raise NoPlanFound(
+                f"the fingers cannot let go without collision in mode {builder.mode}",
+                evidence={"mode": builder.mode, "finger": None, "constraint": "collision", "X_WO": X.tolist()},
+            )
+
+    def _check_palm(self, path: ObjectPath, q: np.ndarray) -> None:
+        for k in np.unique(np.linspace(0, path.ticks, 25).astype(int)):
+            self.scene.set(q, path.X_WO[k])
+            for a, b, d in self.scene.clearances(0.0):
+                if self.object.link in (a, b):
+                    other = b if a == self.object.link else a
+                    xyz = np.round(path.X_WO[k, :3, 3] * 1e3, 2).tolist()
+                    raise NoPlanFound(
+                        f"in mode {'0' * len(self.hand.fingers)} the object overlaps {other} by {-d * 1e3:.1f} mm (collision), object at {xyz} mm",
+                        evidence={
+                            "mode": "0" * len(self.hand.fingers),
+                            "finger": None,
+                            "constraint": f"collision with {other}",
+                            "X_WO": path.X_WO[k].tolist(),
+                        },
+                    )
+
+
+def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Path:
+    """Plans a task.
+
+    Args:
+        task: what is asked.
+        progress: called often with where planning stands.
+
+    Returns:
+        The path, without time.
+
+    Raises:
+        InputError: hand, object or task are wrong.
+        NoPlanFound: naming mode, finger, constraint and object pose; ``status`` tells infeasible from timeout.
+    """
+    started = time.monotonic()
+    hand, object_ = Hand.load(task.hand), Object.load(task.object)
+    _check_names(task, hand)
+    scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
+    planner = Planner(
+        task=task,
+        hand=hand,
+        object=object_,
+        scene=scene,
+        clearance=Clearance(scene),
+        progress=progress or (lambda p: None),
+        started=started,
+    )
+    planner.stages["model"] = time.monotonic() - started
+    assert isinstance(task.start, Pose)
+    return planner.run(pose(task.start))
+
+
+def _check_names(task: Task, hand: Hand) -> None:
+    """Fingers and mode codes of a task against the hand.
+
+    Raises:
+        InputError: a finger or mode the hand does not have.
+    """
+    for step in task.motion:
+        names = (step.grasp.fingers or []) if step.grasp else []
+        names = names + [s.finger for s in (step.slide, step.push) if s is not None]
+        for name in names:
+            hand.finger(name)
+    for code in task.options.modes or []:
+        if len(code) != len(hand.fingers):
+            raise InputError(
+                "mode code has the wrong length",
+                key="options.modes",
+                found=code,
+                expected=f"{len(hand.fingers)} digits",
+            )

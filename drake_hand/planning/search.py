@@ -1,0 +1,370 @@
+"""Search over the hybrid automaton for the sequence of regrasps that carries the object along its path.
+
+A node is (tick, holds): the mode and its contacts. Edges: advance in this mode as far as reach, clearance and
+holding allow, then lift one finger and set it down elsewhere (break, transit, make) while the others hold. Weighted
+A* on the number of regrasps; nodes, holds and transits are made lazily. On a symmetric object a state that comes
+back closes a periodic gait, which is then repeated instead of searched.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.grasp import lifts
+from drake_hand.planning.holding import Holding
+from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
+from drake_hand.planning.transit import LIFTS, Surroundings, lift, travel
+
+WEIGHT = 1.5
+"""Of the heuristic: above 1 goes for the end sooner at the price of at most that many times the regrasps."""
+CHILDREN = 3
+"""Contacts tried per finger and tick."""
+COARSE = 4
+"""On objects that are not symmetric, contacts are made at multiples of this many ticks, so that tables are shared."""
+GAIN = 3
+"""A regrasp has to prolong its finger's hold by this many ticks."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where planning stands."""
+
+    stage: str
+    fraction: float = 0.0
+    expansions: int = 0
+    best_bound: float = 0.0
+    """Regrasps the plan will need at least, as far as is known."""
+    elapsed_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Node:
+    """Holds from a tick on; how they came about."""
+
+    tick: int
+    holds: tuple[Hold, ...]
+    g: int = 0
+    parent: Node | None = None
+    slot: int = -1
+    """Which hold is new."""
+    ways: tuple[np.ndarray, ...] = ()
+    """The moved finger's pieces of way: lift, travel..., landing; each (n, m)."""
+
+    @property
+    def signature(self) -> tuple:
+        """Equal for equal configurations of a symmetric object."""
+        return tuple((h.table, self.tick - h.birth) for h in self.holds)
+
+
+@dataclass(kw_only=True)
+class Limits:
+    """How far a node can advance, and which finger could be lifted where."""
+
+    last: int
+    liftable: np.ndarray
+    """(slots, ticks from the node's to `last`) bool."""
+    why: str
+    """What stops it there."""
+    slot: int | None = None
+    """The hold that stops it, if one does."""
+
+
+@dataclass
+class Search:
+    """One search; see the module."""
+
+    reach: ReachTable
+    holding: Holding
+    allowed: Callable[[frozenset[int]], bool]
+    """Whether the mode with these finger indices in contact may be used."""
+    q_parked: np.ndarray
+    """(nq,) posture of the fingers that take no part."""
+    deadline: float
+    progress: Callable[[Progress], None] = lambda p: None
+    expansions: int = 0
+    _pairs: dict = field(default_factory=dict)
+
+    def run(self, roots: list[list[Hold]]) -> tuple[list[Node], int]:
+        """Finds the nodes from a root to the end of the path.
+
+        Args:
+            roots: grasps at tick 0.
+
+        Returns:
+            The nodes in order, and the number of regrasps.
+
+        Raises:
+            NoPlanFound: nothing left to try (``infeasible``) or out of time (``timeout``).
+        """
+        goal, started, tie = self.reach.path.ticks, time.monotonic(), itertools.count()
+        fingers = [h.finger for h in roots[0]]
+        self._stroke = [max(len(h.q) for r in roots for h in r if h.finger == f) for f in fingers]
+        heap: list[tuple[float, int, int, Node]] = []
+        for holds in roots:
+            node = Node(tick=0, holds=tuple(holds))
+            heapq.heappush(heap, (WEIGHT * self._to_go(node.holds, goal), 0, next(tie), node))
+        closed: set[tuple] = set()
+        farthest: tuple[int, Node, Limits] | None = None
+        while heap:
+            f, _, _, node = heapq.heappop(heap)
+            key = (node.tick, *((h.table, h.birth) for h in node.holds))
+            if key in closed:
+                continue
+            closed.add(key)
+            if time.monotonic() > self.deadline:
+                raise self._failure("timeout", "out of time", farthest)
+            if node.parent is not None:
+                ways = self._transit(node)
+                if ways is None:
+                    continue
+                node = replace(node, ways=ways)
+            limits = self._limits(node, goal)
+            self.expansions += 1
+            if farthest is None or limits.last > farthest[0]:
+                farthest = (limits.last, node, limits)
+            self.progress(
+                Progress(
+                    stage="search",
+                    fraction=farthest[0] / max(goal, 1),
+                    expansions=self.expansions,
+                    best_bound=f / WEIGHT,
+                    elapsed_s=time.monotonic() - started,
+                )
+            )
+            if limits.last >= goal:
+                return _chain(node), node.g
+            if self.reach.symmetric:
+                repeated = self._repeat(node, goal)
+                if repeated is not None:
+                    return repeated, len(repeated) - 1
+            for child, bonus in self._children(node, limits, goal):
+                rank = child.g + WEIGHT * self._to_go(child.holds, goal) + bonus
+                heapq.heappush(heap, (rank, -child.tick, next(tie), child))
+        raise self._failure("infeasible", "nothing left to try", farthest)
+
+    def _to_go(self, holds: tuple[Hold, ...], goal: int) -> float:
+        """Regrasps still needed: every finger has to be set down again until it lasts to the end."""
+        return sum(max(0, goal - h.end) / max(s - 1, 1) for h, s in zip(holds, self._stroke, strict=True))
+
+    def _limits(self, node: Node, goal: int) -> Limits:
+        ends = [h.end for h in node.holds]
+        slot = int(np.argmin(ends))
+        last, why = min(ends[slot], goal), node.holds[slot].limited_by
+        culprit: int | None = slot
+        for a, b in itertools.combinations(node.holds, 2):
+            free = self._clear_until(a, b, node.tick)
+            if free < last:
+                last, culprit = free, None
+                why = f"collision of {self._name(a)} with {self._name(b)}"
+        if last < node.tick:
+            return Limits(last=node.tick - 1, liftable=np.zeros((len(ends), 0), dtype=bool), why=why, slot=culprit)
+        ticks = np.arange(node.tick, last + 1)
+        p, n, J, mask, p_WCom = self._arrays(node.holds, ticks)
+        whole = self.holding.margins(p, n, J, mask, p_WCom)
+        bad = np.flatnonzero(whole < 0)
+        if len(bad):
+            last, why, culprit = int(ticks[bad[0]]) - 1, "contacts do not hold the object", None
+            ticks = ticks[: bad[0]]
+            p, n, J, mask, p_WCom = p[: bad[0]], n[: bad[0]], J[: bad[0]], mask[: bad[0]], p_WCom[: bad[0]]
+        liftable = np.zeros((len(ends), len(ticks)), dtype=bool)
+        everyone = frozenset(h.finger for h in node.holds)
+        for s, h in enumerate(node.holds):
+            if len(ticks) and self.allowed(everyone - {h.finger}):
+                liftable[s] = self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0
+        return Limits(last=last, liftable=liftable, why=why, slot=culprit)
+
+    def _arrays(self, holds: tuple[Hold, ...], ticks: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Contact arrays of holds over ticks, as :class:`Holding` takes them."""
+        hand = self.reach.clearance.hand
+        n, m, K = len(hand.fingers), max(len(f.joints) for f in hand.fingers), len(ticks)
+        p, normal, J = np.zeros((K, n, 3)), np.zeros((K, n, 3)), np.zeros((K, n, 3, m))
+        normal[..., 2] = 1.0
+        mask = np.zeros((K, n), dtype=bool)
+        for h in holds:
+            a = ticks - h.birth
+            p[:, h.finger], normal[:, h.finger], mask[:, h.finger] = h.p_WP[a], h.n_W[a], True
+            J[:, h.finger, :, : h.J_WP.shape[2]] = h.J_WP[a]
+        return p, normal, J, mask, self.reach.p_WCom(ticks)
+
+    def _clear_until(self, a: Hold, b: Hold, tick: int) -> int:
+        """Last tick up to which two holds, clear at every tick from `tick` on, stay clear of each other."""
+        shift = a.birth - b.birth if self.reach.symmetric else (a.birth, b.birth)
+        key = (a.finger, a.table, b.finger, b.table, shift)
+        first, end = max(a.birth, b.birth), min(a.end, b.end)
+        if key not in self._pairs:
+            ticks = np.arange(first, end + 1)
+            gap = self.reach.clearance.between(a.finger, a.q[ticks - a.birth], b.finger, b.q[ticks - b.birth])
+            self._pairs[key] = gap >= CLEARANCE
+        clear = self._pairs[key][tick - first :]
+        return end if clear.all() else tick + int(np.argmin(clear)) - 1
+
+    def _children(self, node: Node, limits: Limits, goal: int):
+        """Regrasps worth trying from a node: (child, bonus on its rank)."""
+        for slot, held in enumerate(node.holds):
+            free = np.flatnonzero(limits.liftable[slot])
+            if not len(free):
+                continue
+            wanted = {int(free[-1]), int(free[len(free) // 2])}
+            if slot != node.slot:
+                wanted.add(int(free[0]))
+            ticks = set()
+            for x in wanted:
+                t = node.tick + x
+                snapped = t - t % COARSE
+                if not self.reach.symmetric and snapped >= node.tick and limits.liftable[slot, snapped - node.tick]:
+                    t = snapped
+                ticks.add(t)
+            for t in sorted(ticks):
+                yield from self._regrasps(node, slot, held, t, goal)
+
+    def _regrasps(self, node: Node, slot: int, held: Hold, t: int, goal: int):
+        options = [c for c in self.reach.holds(held.finger, t) if min(c.end, goal) >= min(held.end + GAIN, goal)][:60]
+        if self.reach.symmetric:
+            options += self._earlier(node, slot, t, held)
+        if not options:
+            return
+        clearance = self.reach.clearance
+        others = [h for s, h in enumerate(node.holds) if s != slot]
+        q = np.stack([c.at(t)[0] for c in options])
+        centres = clearance.centres(held.finger, q)
+        clear = np.ones(len(options), dtype=bool)
+        for h in others:
+            other = clearance.centres(h.finger, h.at(t)[0][None])
+            clear &= clearance.between_centres(held.finger, centres, h.finger, other) >= CLEARANCE
+        options = [c for c, fine in zip(options, clear, strict=True) if fine]
+        if not options:
+            return
+        p, n, J, mask, p_WCom = (np.repeat(x, len(options), axis=0) for x in self._arrays(node.holds, np.array([t])))
+        for row, c in enumerate(options):
+            a, i = t - c.birth, held.finger
+            p[row, i], n[row, i], J[row, i, :, : c.J_WP.shape[2]] = c.p_WP[a], c.n_W[a], c.J_WP[a]
+        holds = self.holding.margins(p, n, J, mask, p_WCom) >= 0
+        without = np.stack(
+            [self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0 for h in node.holds]
+        ).sum(axis=0)
+        stuck = 0.5 * (len(node.holds) - without)
+        value = np.array([max(0, goal - c.end) / max(self._stroke[slot] - 1, 1) for c in options]) + stuck
+        value[~holds] = np.inf
+        known = self._ancestors(node) if self.reach.symmetric else set()
+        for j in np.argsort(value, kind="stable")[: CHILDREN + 2]:
+            if not np.isfinite(value[j]):
+                break
+            new = tuple(options[j] if s == slot else h for s, h in enumerate(node.holds))
+            child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot)
+            closes = child.signature in known
+            yield child, float(stuck[j]) - (1e3 if closes else 0.0)
+
+    def _earlier(self, node: Node, slot: int, t: int, held: Hold) -> list[Hold]:
+        """The finger's configurations at earlier nodes, so that a gait can close."""
+        out, seen = [], set()
+        walk: Node | None = node
+        while walk is not None:
+            h = walk.holds[slot]
+            age = walk.tick - h.birth
+            moved = replace(h, birth=t - age)
+            if (h.table, age) not in seen and moved.end > held.end:
+                seen.add((h.table, age))
+                out.append(moved)
+            walk = walk.parent
+        return out
+
+    def _ancestors(self, node: Node) -> set[tuple]:
+        out, walk = set(), node
+        while walk is not None:
+            out.add(walk.signature)
+            walk = walk.parent  # type: ignore[assignment]
+        return out
+
+    def _transit(self, node: Node) -> tuple[np.ndarray, ...] | None:
+        """Way of the moved finger from its old contact to its new one, all else at rest."""
+        assert node.parent is not None
+        old, new, t = node.parent.holds[node.slot], node.holds[node.slot], node.tick
+        q = self.posture(node.parent.holds, t)
+        around = Surroundings.of(self.reach.clearance, q, self.reach.path.X_WO[t], old.finger)
+        qa, _, na = old.at(t)
+        qb, _, nb = new.at(t)
+        for height in LIFTS:
+            up = lift(around, old.finger, qa, na, height)
+            down = lift(around, old.finger, qb, nb, height)
+            if up is None or down is None:
+                continue
+            between = travel(around, old.finger, up[-1], down[-1])
+            if between is not None:
+                return (up, *between, down[::-1])
+        return None
+
+    def posture(self, holds: tuple[Hold, ...], tick: int) -> np.ndarray:
+        """(nq,) joint angles of the whole hand."""
+        q = self.q_parked.copy()
+        for h in holds:
+            q[self.reach.clearance.hand.fingers[h.finger].columns] = h.at(tick)[0]
+        return q
+
+    def _repeat(self, node: Node, goal: int) -> list[Node] | None:
+        """If this configuration occurred before, the periodic gait from there on, up to the goal."""
+        walk = node.parent
+        while walk is not None and not (walk.tick < node.tick and walk.signature == node.signature):
+            walk = walk.parent
+        if walk is None:
+            return None
+        chain = _chain(node)
+        period, cycle = node.tick - walk.tick, chain[chain.index(walk) + 1 :]
+        at, turn = node, 1
+        while True:
+            for step in cycle:
+                tick = step.tick + turn * period
+                if min(h.end for h in at.holds) >= goal or tick >= goal:
+                    return chain
+                holds = tuple(replace(h, birth=h.birth + turn * period) for h in step.holds)
+                at = Node(tick=tick, holds=holds, g=at.g + 1, parent=at, slot=step.slot, ways=step.ways)
+                chain.append(at)
+            turn += 1
+
+    def _name(self, hold: Hold) -> str:
+        return self.reach.clearance.hand.fingers[hold.finger].name
+
+    def _failure(self, status: str, what: str, farthest: tuple[int, Node, Limits] | None) -> NoPlanFound:
+        assert farthest is not None
+        last, node, limits = farthest
+        hand, path = self.reach.clearance.hand, self.reach.path
+        tick = min(max(last, 0), path.ticks)
+        touching = {h.finger for h in node.holds}
+        mode = "".join("1" if i in touching else "0" for i in range(len(hand.fingers)))
+        finger = self._name(node.holds[limits.slot]) if limits.slot is not None else None
+        xyz = np.round(path.X_WO[tick, :3, 3] * 1e3, 2).tolist()
+        part = 100 * tick / max(path.ticks, 1)
+        blocked = [self._name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
+        reason = (
+            f"{what} at {part:.0f} % of the motion (object at {xyz} mm): in mode {mode} "
+            + (f"finger {finger} ends at its {limits.why}" if finger else limits.why)
+            + (f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else "")
+            + "; no further regrasp leads on"
+        )
+        return NoPlanFound(
+            reason,
+            status=status,
+            evidence={
+                "mode": mode,
+                "finger": finger,
+                "constraint": limits.why,
+                "progress": tick / max(path.ticks, 1),
+                "X_WO": path.X_WO[tick].tolist(),
+                "expansions": self.expansions,
+            },
+        )
+
+
+def _chain(node: Node) -> list[Node]:
+    out: list[Node] = []
+    walk: Node | None = node
+    while walk is not None:
+        out.append(walk)
+        walk = walk.parent
+    return out[::-1]
