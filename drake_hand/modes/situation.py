@@ -98,7 +98,9 @@ class Situation:
         """Smallest distance of all pairs that may not overlap, fingertips on the object left out, m, and the pair."""
         hand = self.scene.hand
         self.scene.set(self.state.q, self.state.X_WO)
-        return min(self.scene.clearances(0.02, exclude=[f.name for f in hand.fingers]))
+        pairs = self.scene.clearances(0.02, exclude=[f.name for f in hand.fingers])
+        a, b, distance = min(pairs, key=lambda pair: pair[2], default=("nothing", "nothing", 0.02))
+        return distance, f"{a} and {b}"
 
     @cached_property
     def limit_margin(self) -> tuple[float, str]:
