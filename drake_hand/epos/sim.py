@@ -134,6 +134,11 @@ class SimulatedDrives:
     def __exit__(self, *exc: object) -> None:
         self.stop()
 
+    @property
+    def running(self) -> bool:
+        """Whether they are being served."""
+        return self._thread is not None and self._thread.is_alive()
+
     def inject(self, fault: Fault) -> None:
         """Lets a fault happen now; from any thread.
 
