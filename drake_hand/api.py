@@ -99,7 +99,9 @@ def check(plan: Plan, *, progress: ProgressCallback | None = None) -> Certificat
 
 def show(plan: Plan) -> str:
     """A plan as one HTML page, to be written to a file or shown in a notebook."""
+    from drake_hand.model.hand import Hand
+    from drake_hand.model.object import Object
     from drake_hand.model.scene import Scene
     from drake_hand.view.show import render
 
-    return render(plan, Scene.of(plan.task))
+    return render(plan, Scene(Hand.load(plan.task.hand), Object.load(plan.task.object)))

@@ -8,7 +8,8 @@ SUBMODEL_NAME = {"0": "free", "1": "rolling", "2": "sliding"}
 
 CONTACT = "#111827"
 
-_FINGERS = ("#8c564b", "#9467bd", "#2ca02c", "#d62728", "#1f77b4", "#17becf", "#bcbd22", "#e377c2")
+_FINGERS = ("#cc79a7", "#009e73", "#0072b2", "#e69f00", "#d55e00", "#56b4e9", "#7a5195", "#8c564b")
+"""Colour-blind safe (Okabe & Ito); the bundled hand's fingertips wear them."""
 
 
 def finger_color(index: int) -> str:

@@ -17,6 +17,8 @@ from drake_hand.motion.trajectory import States, Trajectory
 from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
 
 SAMPLES = 2000
+GAP_MM = 0.1
+"""Contact gap the certificate allows (DESIGN 3.4)."""
 
 
 def draw_plan(plan: Plan, hand: Hand, folder: Path) -> list[Path]:
@@ -97,7 +99,7 @@ def draw_joints(plan: Plan, hand: Hand, states: States) -> Figure:
             (line,) = ax.plot(states.t, np.degrees(states.q[:, column]), label=hand.joints[column])
             for limit in (hand.q_lower[column], hand.q_upper[column]):
                 ax.axhline(np.degrees(limit), color=line.get_color(), ls=(k, (3, 3)), lw=0.7, alpha=0.6)
-        ax.legend(fontsize=7, loc="upper right", frameon=False)
+        _legend(ax)
     return figure
 
 
@@ -111,7 +113,7 @@ def draw_speeds(plan: Plan, hand: Hand, states: States) -> Figure:
         ax.plot(states.t, ratio, label="acceleration", lw=0.8)
         ax.axhline(1.0, color="0.3", ls="--", lw=0.8)
         ax.set_ylim(0, None)
-    axes[0].legend(fontsize=7, loc="upper right", frameon=False)
+    _legend(axes[-1])
     return figure
 
 
@@ -127,13 +129,13 @@ def draw_object(plan: Plan, states: States) -> Figure:
             ax.plot(states.t, values[:, i], label=f"{axis} of W")
         ax.set_ylabel(unit)
         _switches(ax, plan)
-    turn.legend(fontsize=8, frameon=False)
+    _legend(turn)
     shift.set_xlabel("time [s]")
     return figure
 
 
 def draw_contacts(plan: Plan, hand: Hand, states: States) -> Figure:
-    """Distance between fingertip and contact point: zero is touching."""
+    """Distance between fingertip and contact point: zero is touching, the band is what the certificate allows."""
     figure = Figure(figsize=(10, 3.2), layout="constrained")
     ax = figure.subplots()
     p_WP = np.einsum("kij,kfj->kfi", states.X_WO[:, :3, :3], states.p_OP) + states.X_WO[:, None, :3, 3]
@@ -141,9 +143,12 @@ def draw_contacts(plan: Plan, hand: Hand, states: States) -> Figure:
         p_WC, _ = FingerKinematics.of(hand, finger).fk(states.q[:, finger.columns])
         gap = np.linalg.norm(p_WP[:, finger.index] - p_WC, axis=1) - finger.radius
         ax.plot(states.t, 1e3 * gap, color=finger_color(finger.index), label=finger.name)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, -0.15), max(high, 0.15))
+    ax.axhspan(-GAP_MM, GAP_MM, color="0.94", zorder=0)
     ax.set_ylabel("contact gap [mm]")
     ax.set_xlabel("time [s]")
-    ax.legend(fontsize=8, ncols=len(hand.fingers), frameon=False)
+    _legend(ax)
     _switches(ax, plan)
     return figure
 
@@ -156,7 +161,7 @@ def draw_forces(plan: Plan, states: States) -> Figure:
         ax.plot(states.t, np.linalg.norm(states.f_W[:, i], axis=1), color=finger_color(i), label=name)
     ax.set_ylabel("contact force [N]")
     ax.set_xlabel("time [s]")
-    ax.legend(fontsize=8, ncols=len(plan.fingers), frameon=False)
+    _legend(ax)
     _switches(ax, plan)
     return figure
 
@@ -172,6 +177,10 @@ def _panels(plan: Plan, label: str) -> tuple[Figure, list[Axes]]:
     panels[0].set_xlabel("time [s]")
     figure.supylabel(label, fontsize=10)
     return figure, panels
+
+
+def _legend(ax: Axes) -> None:
+    ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 
 
 def _switches(ax: Axes, plan: Plan) -> None:

@@ -51,8 +51,8 @@ class Stage:
         self._meshcat.SetTransform(_ROOT, RigidTransform(RotationMatrix(self._R_VW), np.zeros(3)))
         self._meshcat.SetProperty("/Grid", "visible", False)
         self._meshcat.SetProperty("/Axes", "visible", False)
-        self._meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.98])
-        self._meshcat.SetProperty("/Background", "bottom_color", [1.0, 1.0, 1.0])
+        self._meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
+        self._meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
 
     def hand(self, q: np.ndarray, X_WO: np.ndarray) -> None:
         """Draws the hand.
@@ -97,7 +97,7 @@ class Stage:
         p_W = _hold(p_W, touching)
         X = np.tile(np.eye(4), (len(p_W), 1, 1))
         X[:, :3, 3] = p_W
-        self._set(f"contacts/{name}", Sphere(0.0022), CONTACT)
+        self._mark(f"contacts/{name}", Sphere(0.0022), CONTACT)
         self._move(f"contacts/{name}", X)
         self._show(f"contacts/{name}", touching)
 
@@ -107,9 +107,9 @@ class Stage:
             return
         f_W = _hold(f_W, pushing)
         X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in f_W]
-        self._set(f"forces/{name}/shaft", Cylinder(0.0009, 0.75), color, RigidTransform([0, 0, 0.375]))
+        self._mark(f"forces/{name}/shaft", Cylinder(0.0009, 0.75), color, RigidTransform([0, 0, 0.375]))
         flip = RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0, 0, 1])
-        self._set(f"forces/{name}/head", MeshcatCone(0.25, 0.0024, 0.0024), color, flip)
+        self._mark(f"forces/{name}/head", MeshcatCone(0.25, 0.0024, 0.0024), color, flip)
         self._move(f"forces/{name}", X)
         self._scale(f"forces/{name}", np.maximum(size, 1e-4) * FORCE_SCALE)
         self._show(f"forces/{name}", pushing)
@@ -133,8 +133,11 @@ class Stage:
             self._meshcat.SetTransform(f"{_ROOT}/{path}/{k}", inspector.GetPoseInFrame(gid))
         return bool(geometries)
 
-    def _set(self, path: str, shape: Shape, color: str, X: RigidTransform | None = None) -> None:
+    def _mark(self, path: str, shape: Shape, color: str, X: RigidTransform | None = None) -> None:
+        """Draws a mark: seen through whatever is before it."""
         self._meshcat.SetObject(f"{_ROOT}/{path}", shape, Rgba(*rgb(color), 1.0))
+        self._meshcat.SetProperty(f"{_ROOT}/{path}/<object>", "material.depthTest", False)
+        self._meshcat.SetProperty(f"{_ROOT}/{path}/<object>", "renderOrder", 1.0)
         if X is not None:
             self._meshcat.SetTransform(f"{_ROOT}/{path}", X)
 
@@ -165,7 +168,7 @@ class Stage:
         if not front.any():
             front = np.array([1.0, 0, 0])
         side = np.array([-front[1], front[0], 0.0])
-        eye = self._R_VW @ centre + 2.2 * size * _unit(front + 0.55 * side + np.array([0, 0, 0.55]))
+        eye = self._R_VW @ centre + 1.05 * size * _unit(front + 0.55 * side + np.array([0, 0, 0.6]))
         self._meshcat.SetCameraPose(eye, self._R_VW @ centre)
 
 

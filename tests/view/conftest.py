@@ -18,7 +18,7 @@ def _part(mode: str, events: list[str], t0: float, q0: np.ndarray, q1: np.ndarra
     """One second from q0 to q1 and rest at both ends; the object rests."""
     s = np.linspace(0, 1, 11)
     blend, rate = 3 * s**2 - 2 * s**3, 6 * s - 6 * s**2
-    pose = [[np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0, *P_WO]] * len(s)
+    pose = [[0.5**0.5, 0.5**0.5, 0.0, 0.0, *P_WO.tolist()]] * len(s)
     touching = [f.name for f, c in zip(hand.fingers, mode, strict=True) if c != "0"]
     return Part(
         mode=mode,
