@@ -137,17 +137,24 @@ def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "
 
     ```console
     $ drake-hand plot spin.plan.json -o figures
+    $ drake-hand plot spin.run.npz -o figures
     ```
 
     Args:
         file: the plan file, or the record of a run of `execute`.
         output: the folder for the PNG files.
     """
+    from drake_hand.epos.record import SUFFIX, RunRecord
     from drake_hand.model.hand import Hand
     from drake_hand.view.figures import draw_plan
+    from drake_hand.view.run_figures import draw_run
 
-    subject = Plan.load(file)
-    for written in draw_plan(subject, Hand.load(subject.task.hand), output):
+    if file.name.endswith(SUFFIX):
+        files = draw_run(RunRecord.load(file), output)
+    else:
+        subject = Plan.load(file)
+        files = draw_plan(subject, Hand.load(subject.task.hand), output)
+    for written in files:
         print(f"wrote {written}")
 
 
