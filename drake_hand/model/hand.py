@@ -6,67 +6,14 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve, sha256
+from drake_hand.model.hand_file import SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
 from drake_hand.model.urdf import Urdf
 
-SUFFIX = ".hand.yaml"
-
-
-class TipSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The spherical fingertip: which link, where on it, how large."""
-
-    link: str
-    radius_mm: float
-    xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-class FingerSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """One finger of a hand file."""
-
-    name: str
-    tip: TipSpec
-
-
-class JointSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """Limits and servo of a joint; what is not given falls back to ``defaults`` and the URDF."""
-
-    lower_deg: float | None = None
-    upper_deg: float | None = None
-    speed_deg_s: float | None = None
-    acceleration_deg_s2: float | None = None
-    effort_nm: float | None = None
-    stiffness_nm_rad: float | None = None
-    damping_nm_s_rad: float | None = None
-    home_deg: float | None = None
-
-
-class PadSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The fingertip's material, for force plans and physics."""
-
-    hydroelastic_modulus_pa: float = 5.0e6
-    point_stiffness_n_m: float = 4000.0
-    dissipation_s_m: float = 5.0
-    relaxation_time_s: float = 0.02
-    torsion_radius_mm: float = 0.3
-    """Soft-finger torsion: torque limit over friction force."""
-
-
-class HandSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A hand.yaml file."""
-
-    name: str
-    urdf: str
-    palm: str
-    fingers: list[FingerSpec]
-    defaults: JointSpec = JointSpec()
-    joints: dict[str, JointSpec] = {}
-    pad: PadSpec = PadSpec()
-    ignore_collisions: list[tuple[str, str]] = []
-    """Pairs of links whose overlap is a flaw of the model, not a collision."""
+__all__ = ["SUFFIX", "Axis", "Finger", "Hand", "HandSpec", "PadSpec"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,20 +114,22 @@ class Hand:
         file = resolve(ref, "hands", SUFFIX, beside=beside)
         spec = load(file, HandSpec)
         urdf = Urdf.load(resolve(spec.urdf, "hands", ".urdf", beside=file))
+        return cls.build(spec, urdf, file)
+
+    @classmethod
+    def build(cls, spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
+        """Makes a hand of what a hand file says about a URDF; `file` is named in errors.
+
+        Raises:
+            InputError: as :meth:`load`.
+        """
         return _build(spec, urdf, file)
 
 
 def _build(spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
     if not spec.fingers:
         raise InputError("a hand needs at least one finger", file=file, key="fingers", found=[], expected="1 or more")
-    if spec.palm not in urdf.links:
-        raise InputError(
-            f"URDF has no link '{spec.palm}'",
-            file=file,
-            key="palm",
-            found=spec.palm,
-            expected=nearest(spec.palm, urdf.links),
-        )
+    _known_link(spec.palm, urdf, file, "palm")
     names = [f.name for f in spec.fingers]
     if len(set(names)) != len(names):
         raise InputError("finger named twice", file=file, key="fingers", found=names, expected="distinct names")
@@ -212,14 +161,7 @@ def _build(spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
             )
     for pair in spec.ignore_collisions:
         for link in pair:
-            if link not in urdf.links:
-                raise InputError(
-                    f"URDF has no link '{link}'",
-                    file=file,
-                    key="ignore_collisions",
-                    found=link,
-                    expected=nearest(link, urdf.links),
-                )
+            _known_link(link, urdf, file, "ignore_collisions")
     limits = {name: _limits(name, spec, urdf, file) for name in joints}
 
     def column(key: str) -> np.ndarray:
@@ -245,15 +187,14 @@ def _build(spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
     )
 
 
+def _known_link(link: str, urdf: Urdf, file: Path, key: str) -> None:
+    if link not in urdf.links:
+        expected = nearest(link, urdf.links)
+        raise InputError(f"URDF has no link '{link}'", file=file, key=key, found=link, expected=expected)
+
+
 def _build_finger(i: int, f: FingerSpec, spec: HandSpec, urdf: Urdf, file: Path, *, first_column: int) -> Finger:
-    if f.tip.link not in urdf.links:
-        raise InputError(
-            f"URDF has no link '{f.tip.link}'",
-            file=file,
-            key=f"fingers[{i}].tip.link",
-            found=f.tip.link,
-            expected=nearest(f.tip.link, urdf.links),
-        )
+    _known_link(f.tip.link, urdf, file, f"fingers[{i}].tip.link")
     if f.tip.radius_mm <= 0:
         raise InputError(
             "tip radius must be positive",
@@ -339,6 +280,8 @@ def _limits(name: str, spec: HandSpec, urdf: Urdf, file: Path) -> dict[str, floa
     for follower in urdf.joints.values():
         if follower.mimic and follower.mimic[0] == name and follower.lower is not None and follower.upper is not None:
             _, k, offset = follower.mimic
+            if k == 0:
+                continue
             a, b = sorted(((follower.lower - offset) / k, (follower.upper - offset) / k))
             lower, upper = max(lower, a), min(upper, b)
     if not lower < upper:
