@@ -1,0 +1,246 @@
+"""Contact forces over a path that hold and press evenly, and the joint offsets by which position servos exert them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from drake_hand.contact.chain import skew, solve_least_squares
+from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand, PadSpec
+
+SHORTFALL_COST = 20.0
+"""Cost of a newton of missing preload, beside squared newtons of deviation from it."""
+SMOOTHNESS = 5.0
+"""Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
+_DAMPING = 2e-3
+"""Of least squares near singular postures, m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forces:
+    """Contact forces at n knots of k contacts; zero where there is no contact."""
+
+    f_W: np.ndarray
+    """(n, k, 3) force of the finger on the object, N."""
+    torsion: np.ndarray
+    """(n, k) torque about the inward normal, Nm."""
+    preload: np.ndarray
+    """(n,) smallest normal force over its wanted share among the loaded contacts, N."""
+    friction_used: np.ndarray
+    """(n,) largest share of the friction limit that a contact uses."""
+
+
+def balance_forces(
+    p_WP: np.ndarray,
+    n_W: np.ndarray,
+    load: np.ndarray,
+    *,
+    p_WCom: np.ndarray,
+    force_W: np.ndarray,
+    friction: float,
+    torsion_radius: float,
+    J: np.ndarray,
+    effort: np.ndarray,
+    preload: float,
+    held: np.ndarray | None = None,
+) -> Forces:
+    """Forces that balance the object at every knot, as near as they can be to an even preload, and smooth.
+
+    One sparse cone program over all knots: minimises the squared distance of each force from `preload` along its
+    normal, squared changes from knot to knot and, first of all, the shortfall of normal forces below the preload;
+    subject to balance, round friction cones with soft-finger torsion and joint efforts. Least shortfall means largest
+    margin against pose errors (facts: preload >= tip stiffness x pose error); distance from the normal is what friction
+    pays for. DESIGN section 4.4.
+
+    Args:
+        p_WP: (n, k, 3) contact points, m.
+        n_W: (n, k, 3) unit normals into the object.
+        load: (n, k) share of its full load that a contact may bear: 0 no contact or its first and last instant, 1 full.
+            Ramped from 0 after `make` and to 0 before `break`, the forces are continuous over the whole path.
+        p_WCom: (n, 3) centre of mass, m.
+        force_W: (3,) or (n, 3) force on the object there, m (g - a), N.
+        friction: planned coefficient.
+        torsion_radius: soft-finger torque limit over friction force, m.
+        J: (n, k, 3, m) tip Jacobians, m/rad; unused columns zero.
+        effort: (k, m) largest joint torques, Nm.
+        preload: normal force wanted at each fully loaded contact, N.
+        held: (n,) knots where a fixture holds the object and forces need not balance.
+
+    Raises:
+        NoPlanFound: no forces balance the object; names the first such knot where one alone is to blame.
+    """
+    n, k = load.shape
+    knot, contact = np.nonzero(load > 0)
+    A, a = len(knot), np.arange(len(knot))
+    held = np.zeros(n, bool) if held is None else held
+    if A == 0 and held.all():
+        return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
+    normal, share = n_W[knot, contact], load[knot, contact]
+    t1, t2 = _tangents(normal)
+    columns = np.arange(3 * A).reshape(A, 3)  # x = forces (A, 3), torsion / radius (A,), shortfall (n,)
+    twist, shortfall = 3 * A + a, 4 * A + np.arange(n)
+    size = 4 * A + n
+
+    blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    b: list[np.ndarray] = []
+    cones: list = []
+
+    def rows(*terms: tuple[np.ndarray, np.ndarray, np.ndarray], bound: np.ndarray, cone: list) -> None:
+        """Adds rows sum(terms) + slack = bound; a term is (row, column, value)."""
+        first = sum(len(x) for x in b)
+        blocks.extend((r.ravel() + first, c.ravel(), v.ravel()) for r, c, v in terms)
+        b.append(bound)
+        cones.extend(cone)
+
+    # balance of forces and torques, six rows for every knot that no fixture holds
+    free = np.flatnonzero(~held)
+    place = np.full(n, -1)
+    place[free] = np.arange(len(free))
+    on = place[knot] >= 0
+    G = np.zeros((A, 6, 4))
+    G[:, :3, :3] = np.eye(3)
+    G[:, 3:, :3] = skew(p_WP[knot, contact] - p_WCom[knot]) / 0.01
+    G[:, 3:, 3] = normal * torsion_radius / 0.01
+    variable = np.concatenate([columns, twist[:, None]], axis=1)
+    r = (6 * place[knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
+    c = np.broadcast_to(variable[:, None, :], (A, 6, 4))
+    weight = np.zeros((len(free), 6))
+    weight[:, :3] = np.broadcast_to(force_W, (n, 3))[free]
+    rows((r[on], c[on], G[on]), bound=-weight.ravel(), cone=[clarabel.ZeroConeT(6 * len(free))] if len(free) else [])
+
+    # normal forces: at least the preload less the shortfall, at most what efforts bear; efforts themselves
+    one = np.ones(A)
+    three = np.broadcast_to(a[:, None], (A, 3))
+    rows(
+        (three, columns, -normal),
+        (a, shortfall[knot], -share),
+        bound=-share * preload,
+        cone=[clarabel.NonnegativeConeT(A)],
+    )
+    rows((np.arange(n), shortfall, -np.ones(n)), bound=np.zeros(n), cone=[clarabel.NonnegativeConeT(n)])
+    torque = J[knot, contact]
+    m = torque.shape[2]
+    limit = effort[contact] * share[:, None]
+    r = np.broadcast_to((a[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))
+    c = np.broadcast_to(columns[:, None, :], (A, m, 3))
+    for sign in (1.0, -1.0):
+        rows((r, c, sign * torque.transpose(0, 2, 1)), bound=limit.ravel(), cone=[clarabel.NonnegativeConeT(A * m)])
+    reach = np.min(effort[contact] / np.maximum(np.abs(np.einsum("aim,ai->am", torque, normal)), 1e-6), axis=1)
+    rows((three, columns, normal), bound=share * np.minimum(reach, 1e3), cone=[clarabel.NonnegativeConeT(A)])
+
+    # friction cones with torsion: (friction N, t1 f, t2 f, torsion / radius) in the second-order cone
+    rows(
+        (4 * three, columns, -friction * normal),
+        (4 * three + 1, columns, -t1),
+        (4 * three + 2, columns, -t2),
+        (4 * a + 3, twist, -one),
+        bound=np.zeros(4 * A),
+        cone=[clarabel.SecondOrderConeT(4)] * A,
+    )
+
+    P, q = _cost(knot, contact, columns, twist, shortfall, share[:, None] * preload * normal, size, k)
+    matrix = sparse.coo_matrix(
+        (
+            np.concatenate([v for _, _, v in blocks]),
+            (np.concatenate([r for r, _, _ in blocks]), np.concatenate([c for _, c, _ in blocks])),
+        ),
+        shape=(sum(len(x) for x in b), size),
+    ).tocsc()
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solution = clarabel.DefaultSolver(P, q, matrix, np.concatenate(b), cones, settings).solve()
+    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+        raise NoPlanFound(f"no contact forces balance the object over these {n} knots ({solution.status})")
+    x = np.array(solution.x)
+
+    f_W, torsion = np.zeros((n, k, 3)), np.zeros((n, k))
+    f = x[: 3 * A].reshape(A, 3)
+    f_W[knot, contact] = f
+    torsion[knot, contact] = x[twist] * torsion_radius
+    N = np.sum(f * normal, axis=1)
+    used = np.sqrt(np.sum((f - N[:, None] * normal) ** 2, axis=1) + x[twist] ** 2) / (friction * np.maximum(N, 1e-9))
+    least, most = np.full(n, np.inf), np.zeros(n)
+    np.minimum.at(least, knot, N / share)
+    np.maximum.at(most, knot, used)
+    return Forces(f_W=f_W, torsion=torsion, preload=np.where(np.isfinite(least), least, 0.0), friction_used=most)
+
+
+def _cost(
+    knot: np.ndarray,
+    contact: np.ndarray,
+    columns: np.ndarray,
+    twist: np.ndarray,
+    shortfall: np.ndarray,
+    wanted: np.ndarray,
+    size: int,
+    k: int,
+) -> tuple[sparse.csc_matrix, np.ndarray]:
+    """Upper triangle of P and q of (x' P x) / 2 + q' x."""
+    n, A = len(shortfall), len(knot)
+    index = np.full((n, k), -1)
+    index[knot, contact] = np.arange(A)
+    pairs = (index[:-1] >= 0) & (index[1:] >= 0)
+    before, after = columns[index[:-1][pairs]].ravel(), columns[index[1:][pairs]].ravel()
+    diagonal = np.zeros(size)
+    diagonal[: 4 * A] = 1.0
+    np.add.at(diagonal, before, SMOOTHNESS)
+    np.add.at(diagonal, after, SMOOTHNESS)
+    diagonal[twist] += 1.0
+    P = sparse.diags(diagonal) + sparse.coo_matrix(
+        (np.full(len(before), -SMOOTHNESS), (before, after)), shape=(size, size)
+    )
+    q = np.zeros(size)
+    q[columns] = -wanted
+    q[shortfall] = SHORTFALL_COST
+    return sparse.csc_matrix(P), q
+
+
+def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | float) -> np.ndarray:
+    """How deep a fingertip of this pad is pressed in by a normal force.
+
+    A hydroelastic sphere of radius R has pressure modulus x (1 - distance from centre / R); on a flat rigid surface
+    that sums to N = pi modulus depth^2 whatever R is, and over a surface that curves away with principal
+    curvatures c1, c2 to N = pi modulus depth^2 / sqrt((1 + R c1) (1 + R c2)).
+
+    Args:
+        pad: the fingertip's material.
+        force: (...) normal force, N.
+        curvature: (...) the factor (1 + R c1) (1 + R c2), 1 for a flat surface, 1 + R / r for a rod of radius r.
+
+    Returns:
+        (...) depth, m.
+    """
+    return np.sqrt(np.maximum(force, 0.0) * np.sqrt(curvature) / (np.pi * pad.hydroelastic_modulus_pa))
+
+
+def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, depth_W: np.ndarray) -> np.ndarray:
+    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip's compression takes.
+
+    Args:
+        hand: the hand; K is its joint stiffness.
+        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
+        f_W: (n, fingers, 3) force of each finger on the object, N.
+        depth_W: (n, fingers, 3) compression of each tip, towards the object, m.
+
+    Returns:
+        (n, nq) rad.
+    """
+    out = np.zeros((len(f_W), hand.nq))
+    for i, finger in enumerate(hand.fingers):
+        c = finger.columns
+        J = J_WP[:, i, :, : len(c)]
+        out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
+        out[:, c] += solve_least_squares(J, depth_W[:, i], damping=_DAMPING)
+    return out
+
+
+def _tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(A, 3) unit normals to two (A, 3) tangents."""
+    e = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    t1 = np.cross(e, normal)
+    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+    return t1, np.cross(normal, t1)

@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.equilibrium import margins
+from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
+from drake_hand.contact.weight import weight_offsets
+from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand, PadSpec
+from drake_hand.model.scene import Scene
+
+WEIGHT = np.array([0.0, 0.0, -0.15])
+FRICTION, RADIUS = 0.45, 3e-4
+
+
+def rod(knots, angles_deg, places):
+    """A rod of radius 8 mm along y, touched at these angles; every contact the same at all knots."""
+    a = np.radians(angles_deg)
+    n = -np.stack([np.cos(a), 0 * a, np.sin(a)], -1)
+    p = -0.008 * n + np.asarray(places)[:, None] * [0, 1, 0]
+    J = np.broadcast_to(0.05 * np.eye(3), (knots, len(a), 3, 3))
+    return np.broadcast_to(p, (knots, *p.shape)), np.broadcast_to(n, (knots, *n.shape)), J
+
+
+def solve(p, n, load, J, **changes):
+    values = {
+        "p_WCom": np.zeros((len(p), 3)),
+        "force_W": WEIGHT,
+        "friction": FRICTION,
+        "torsion_radius": RADIUS,
+        "J": J,
+        "effort": np.full((p.shape[1], 3), 0.075),
+        "preload": 0.4,
+    }
+    return balance_forces(p, n, load, **(values | changes))
+
+
+CAGE = ([-60, -120, -90, 90, 90], [-0.03, -0.03, 0.03, 0.01, -0.02])
+
+
+def test_forces_balance_within_every_limit():
+    p, n, J = rod(3, *CAGE)
+    forces = solve(p, n, np.ones((3, 5)), J)
+    f, N = forces.f_W, np.sum(forces.f_W * n, -1)
+    np.testing.assert_allclose(f.sum(axis=1), np.tile(-WEIGHT, (3, 1)), atol=1e-6)
+    torque = np.cross(p, f).sum(axis=1) + (forces.torsion[..., None] * n).sum(axis=1)
+    np.testing.assert_allclose(torque, 0, atol=1e-7)
+    tangential = np.linalg.norm(f - N[..., None] * n, axis=-1)
+    assert np.all(np.hypot(tangential, forces.torsion / RADIUS) <= FRICTION * N + 1e-6)
+    assert np.all(np.abs(np.einsum("nkim,nki->nkm", J, f)) <= 0.075 + 1e-6)
+    assert np.all(N >= 0.4 - 1e-4)
+    np.testing.assert_allclose(forces.preload, N.min(axis=1), atol=1e-6)
+    assert np.all(forces.friction_used <= 1 + 1e-5)
+
+
+def test_a_preload_out_of_reach_is_approached():
+    p, n, J = rod(1, *CAGE)
+    forces = solve(p, n, np.ones((1, 5)), J, preload=3.0)
+    best = margins(
+        p, n, np.ones((1, 5), bool), p_WCom=np.zeros(3), force_W=WEIGHT, friction=FRICTION, torsion_radius=RADIUS,
+        J=J, effort=np.full((5, 3), 0.075),
+    )  # fmt: skip
+    assert forces.preload[0] >= best[0] - 0.02
+
+
+def test_ramped_loads_make_forces_continuous_and_end_at_zero():
+    p, n, J = rod(31, *CAGE)
+    load = np.ones((31, 5))
+    load[:, 3] = np.clip([(10 - j) / 6 if j < 16 else (j - 20) / 6 for j in range(31)], 0, 1)
+    f = solve(p, n, load, J).f_W
+    np.testing.assert_allclose(f[10:21, 3], 0, atol=1e-5)
+    assert np.abs(np.diff(f, axis=0)).max() < 0.3  # full load differs by 1.2 N
+    np.testing.assert_allclose(f.sum(axis=1), np.tile(-WEIGHT, (31, 1)), atol=1e-6)
+
+
+def test_a_fixture_frees_forces_from_balance():
+    p, n, J = rod(2, [90], [0.0])
+    with pytest.raises(NoPlanFound, match="balance"):
+        solve(p, n, np.ones((2, 1)), J)
+    forces = solve(p, n, np.ones((2, 1)), J, held=np.array([True, True]))
+    np.testing.assert_allclose(forces.f_W[:, 0], 0.4 * n[:, 0], atol=1e-4)
+    assert not solve(p, n, np.zeros((2, 1)), J, held=np.array([True, True])).f_W.any()
+
+
+@given(st.floats(0.0, 5.0), st.floats(1.0, 10.0))
+def test_compression_carries_the_force_it_was_asked_for(force, curvature):
+    pad = PadSpec()
+    depth = pad_compression(pad, force, curvature)
+    assert np.pi * pad.hydroelastic_modulus_pa * depth**2 / np.sqrt(curvature) == pytest.approx(force, abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return Hand.load("kanguera")
+
+
+def bent(hand, rng, n):
+    return hand.q_lower + rng.uniform(0.3, 0.7, (n, hand.nq)) * (hand.q_upper - hand.q_lower)
+
+
+def jacobians(hand, q):
+    J = np.zeros((len(q), len(hand.fingers), 3, max(len(f.joints) for f in hand.fingers)))
+    for i, f in enumerate(hand.fingers):
+        J[:, i, :, : len(f.joints)] = FingerKinematics.of(hand, f).jacobian(q[:, f.columns])[2]
+    return J
+
+
+def test_offsets_give_servo_torques_that_exert_the_forces(hand):
+    rng = np.random.default_rng(0)
+    q, f = bent(hand, rng, 4), rng.normal(size=(4, len(hand.fingers), 3))
+    J = jacobians(hand, q)
+    torque = hand.stiffness * joint_offsets(hand, J, f, np.zeros_like(f))
+    power = np.einsum("nq,nq->n", torque, np.ones_like(q))
+    work = sum(np.einsum("ni,nim->n", f[:, i], J[:, i]) for i in range(len(hand.fingers)))
+    np.testing.assert_allclose(power, work, rtol=1e-9)
+
+
+def test_offsets_follow_a_compressed_tip(hand):
+    rng = np.random.default_rng(1)
+    q = bent(hand, rng, 4)
+    depth = 2e-4 * rng.normal(size=(4, len(hand.fingers), 3))
+    offset = joint_offsets(hand, jacobians(hand, q), np.zeros_like(depth), depth)
+    for i, finger in enumerate(hand.fingers):
+        kin, c = FingerKinematics.of(hand, finger), finger.columns
+        moved = kin.fk((q + offset)[:, c])[0] - kin.fk(q[:, c])[0]
+        np.testing.assert_allclose(moved, depth[:, i], atol=6e-5)
+
+
+def test_weight_offsets_undo_gravity(hand):
+    """Potential energy of the links, differentiated, is the torque that the offsets make."""
+    scene, g = Scene(hand), np.array([3.0, -2.0, -9.0])
+    q = bent(hand, np.random.default_rng(2), 1)
+
+    def energy(row):
+        scene.set(row)
+        model = [scene.hand_model]
+        com = scene.plant.CalcCenterOfMassPositionInWorld(scene.plant_context, model)
+        return -scene.plant.CalcTotalMass(scene.plant_context, model) * g @ com
+
+    h = 1e-6
+    slope = np.array([(energy(q[0] + h * e) - energy(q[0] - h * e)) / (2 * h) for e in np.eye(hand.nq)])
+    np.testing.assert_allclose(hand.stiffness * weight_offsets(scene, q, g)[0], slope, atol=1e-8)
+    assert np.abs(slope).max() > 1e-3
