@@ -223,8 +223,9 @@ class Drives:
         Raises:
             InputError: not finite, or beyond the drives' 32 bits.
         """
-        counts = ((np.asarray(q, float) - self._zero) @ self.coupling.T) * self._scale
-        if not np.all(np.abs(counts) < _S32):
+        q = np.asarray(q, float)
+        counts = ((np.where(np.isfinite(q), q, 0.0) - self._zero) @ self.coupling.T) * self._scale
+        if not np.all(np.isfinite(q)) or not np.all(np.abs(counts) < _S32):
             raise InputError(
                 "joint position no drive can reach", file=self.file, key="joints", expected="finite, within 32 bits"
             )

@@ -104,15 +104,19 @@ class SimulatedDrives:
 
     def start(self) -> None:
         """Boots all drives (boot-up frames) and serves them in a thread."""
-        self._now = time.time()
+        self.boot(time.time())
         self._thread = threading.Thread(target=self._run, name="simulated drives", daemon=True)
-        self._mark("boot")
-        for drive in self._simulated:
-            drive.boot(self._now)
         self._thread.start()
 
+    def boot(self, t: float) -> None:
+        """Boots all drives at bus time t [s]; after this, :meth:`step` may be called where no thread is wanted."""
+        self._now = t
+        self._mark("boot")
+        for drive in self._simulated:
+            drive.boot(t)
+
     def stop(self) -> None:
-        """Cuts their power: ends the thread, closes the timeline; idempotent.
+        """Cuts their power: ends the thread, keeps the settings, closes the timeline; idempotent.
 
         Raises:
             Exception: whatever ended the thread early.
@@ -121,8 +125,8 @@ class SimulatedDrives:
         if self._thread:
             self._thread.join()
             self._thread = None
-            self._save_settings()
-            self._timeline.close()
+        self._save_settings()
+        self._timeline.close()
         if self._crash:
             crash, self._crash = self._crash, None
             raise crash
@@ -165,12 +169,16 @@ class SimulatedDrives:
             while not self._stop.is_set():
                 wait = self._tick if not self._later else min(max(self._later[0][0] - time.time(), 0.0), self._tick)
                 message = self._bus.recv(wait)
-                t = max(message.timestamp if message else time.time(), self._now)
-                self._catch_up(t)
-                if message and not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
-                    self._dispatch(message.arbitration_id, bytes(message.data), t)
+                self.step(message.timestamp if message else time.time(), message)
         except BaseException as e:
             self._crash = e
+
+    def step(self, t: float, message: can.Message | None = None) -> None:
+        """Lets bus time reach t [s] and takes the frame that arrives then, if any."""
+        t = max(t, self._now)
+        self._catch_up(t)
+        if message and not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
+            self._dispatch(message.arbitration_id, bytes(message.data), t)
 
     def _catch_up(self, t: float) -> None:
         """Does what was due until t: delayed frames, ticks, commands."""

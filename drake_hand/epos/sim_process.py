@@ -15,8 +15,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from io import FileIO, RawIOBase
 from pathlib import Path
-from typing import BinaryIO
 
 import can
 import msgspec
@@ -134,7 +134,12 @@ def _free_port() -> int:
         return s.getsockname()[1]
 
 
-def serve(simulated: SimulatedDrives, commands: BinaryIO, stop: threading.Event, *, until_eof: bool) -> None:
+def standard_input() -> FileIO:
+    """Unbuffered, so that a thread that still waits for it does not hold up the end of the process."""
+    return FileIO(0, closefd=False)
+
+
+def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event, *, until_eof: bool) -> None:
     """Waits until `stop`, while faults come in as JSON lines.
 
     Args:
@@ -161,7 +166,8 @@ def serve(simulated: SimulatedDrives, commands: BinaryIO, stop: threading.Event,
 
 def _child() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    setup = msgspec.json.decode(sys.stdin.buffer.readline(), type=Setup)
+    commands = standard_input()
+    setup = msgspec.json.decode(commands.readline(), type=Setup)
     try:
         drives = Drives.load(setup.drives)
         with can.Bus(**drives.bus.arguments("udp_multicast", setup.channel)) as bus:
@@ -175,7 +181,7 @@ def _child() -> int:
             )
             with simulated:
                 os.write(1, _READY)
-                serve(simulated, sys.stdin.buffer, threading.Event(), until_eof=True)
+                serve(simulated, commands, threading.Event(), until_eof=True)
     except (DrakeHandError, can.CanError, OSError) as e:
         print(e, file=sys.stderr)
         return 1

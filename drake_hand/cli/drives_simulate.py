@@ -1,0 +1,81 @@
+"""``drake-hand drives simulate``: simulated drives on a bus, until interrupted."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.master import open_bus
+from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim_faults import FaultsFile
+from drake_hand.epos.sim_process import serve, standard_input
+from drake_hand.motion.plan import Plan
+
+
+def simulate(
+    *,
+    drives: str = "kanguera",
+    interface: str = "udp_multicast",
+    channel: str | None = None,
+    at: Annotated[Path | None, Parameter(name="--at")] = None,
+    log: Path | None = None,
+    faults: Path | None = None,
+    settings: Path | None = None,
+    seed: int = 0,
+) -> int:
+    """Serves simulated drives on a bus, until Ctrl-C.
+
+    Faults can be injected while it runs: each line of JSON on standard input is one, such as
+    `{"kind": "emcy", "joint": "index_pip", "code": 8976}`; `{"kind": "clear", "joint": "all"}` ends what lasts.
+
+    Parameters
+    ----------
+    drives:
+        Drives file: path or bundled name.
+    interface:
+        python-can interface.
+    channel:
+        Its channel; for udp_multicast `239.74.163.2:43113` unless given.
+    at:
+        Plan at whose first way-point the motors stand; at encoder count 0 unless given.
+    log:
+        Writes the timeline of status words and positions there (JSON lines).
+    faults:
+        Schedule of faults (YAML).
+    settings:
+        Keeps the parameters the drives are told to store (JSON), also over a restart.
+    seed:
+        Of everything random.
+    """
+    found = Drives.load(drives)
+    schedule = FaultsFile.load(faults, found) if faults else None
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with (
+        open_bus(found.bus, interface, channel) as bus,
+        SimulatedDrives(
+            bus, found, q=_first(at, found), log=log, faults=schedule, seed=seed, settings=settings
+        ) as simulated,
+    ):
+        where = " ".join(f"{k} {v}" for k, v in found.bus.arguments(interface, channel).items())
+        print(f"{len(found.drives)} simulated drives on {where}; Ctrl-C ends", file=sys.stderr, flush=True)
+        serve(simulated, standard_input(), stop, until_eof=False)
+    return 0
+
+
+def _first(plan: Path | None, drives: Drives) -> np.ndarray | None:
+    """(n,) first way-point of a plan, with its offset, as commanded."""
+    if plan is None:
+        return None
+    found = Plan.load(plan)
+    part = found.parts[0]
+    q = np.array(part.q[0]) + (np.array(part.q_offset[0]) if part.q_offset else 0.0)
+    return q[drives.columns(found.joints)]
