@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -15,8 +15,8 @@ from drake_hand.files import convert
 from drake_hand.motion.plan import Certificate, Plan
 from drake_hand.planning.task import Options, Task
 
-ProgressCallback = Callable[[Any], None]
-"""Is told a record with ``stage`` and numbers worth seeing, now and then."""
+if TYPE_CHECKING:
+    from drake_hand.planning.search import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class PlanResult:
 def solve(
     task: Task | str | Path,
     *,
-    progress: ProgressCallback | None = None,
+    progress: Callable[[Progress], None] | None = None,
     seed: int | None = None,
     time_limit: float | None = None,
 ) -> PlanResult:
@@ -59,14 +59,13 @@ def solve(
 
     from drake_hand.motion.timing import time_path
     from drake_hand.planning.planner import find_path
-    from drake_hand.verify.certificate import certify
 
     start = perf_counter()
     path = find_path(task, progress=progress)
     found = perf_counter()
     plan = time_path(path)
     timed = perf_counter()
-    certificate = certify(plan, progress=progress)
+    certificate = check(plan, progress=progress)
     stages_s = {**path.stats["stages_s"], "timing": timed - found, "certificate": perf_counter() - timed}
     if not certificate.certified:
         reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
@@ -82,7 +81,7 @@ def solve(
 def plan(
     task: Task | str | Path,
     *,
-    progress: ProgressCallback | None = None,
+    progress: Callable[[Progress], None] | None = None,
     seed: int | None = None,
     time_limit: float | None = None,
 ) -> Plan:
@@ -90,11 +89,16 @@ def plan(
     return solve(task, progress=progress, seed=seed, time_limit=time_limit).plan
 
 
-def check(plan: Plan, *, progress: ProgressCallback | None = None) -> Certificate:
+def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> Certificate:
     """Proves a plan again, by code that shares nothing with the planner but the model (DESIGN 3.4)."""
+    from drake_hand.planning.search import Progress
     from drake_hand.verify.certificate import certify
 
-    return certify(plan, progress=progress)
+    def tell(share: float) -> None:
+        if progress:
+            progress(Progress(stage="certificate", fraction=share))
+
+    return certify(plan, progress=tell)
 
 
 def show(plan: Plan) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
@@ -59,13 +59,14 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
     """Shows the progress of a long job on stderr, on a terminal only.
 
     Yields:
-        A callback for a job's progress records: dataclasses with ``stage``, perhaps ``done`` and ``total``, and any
-        numbers worth seeing (expansions, best bound), shown by name.
+        A callback for a job's progress records: dataclasses with ``stage``, ``fraction`` done and numbers worth seeing
+        (expansions, best bound), shown by name where they are not zero.
     """
     display = Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=30),
+        TaskProgressColumn(),
         TextColumn("{task.fields[detail]}"),
         TimeElapsedColumn(),
         console=Console(stderr=True),
@@ -73,13 +74,14 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         disable=quiet or not sys.stderr.isatty(),
     )
     with display:
-        bar = display.add_task("starting", total=None, detail="")
+        bar = display.add_task("starting", total=1.0, detail="")
 
         def update(record: Any) -> None:
             fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
-            stage, done, total = fields.pop("stage"), fields.pop("done", None), fields.pop("total", None)
-            detail = "  ".join(f"{k.replace('_', ' ')} {_brief(v)}" for k, v in fields.items() if v is not None)
-            display.update(bar, description=stage, completed=done or 0, total=total, detail=detail)
+            stage, fraction = fields.pop("stage"), fields.pop("fraction")
+            fields.pop("elapsed_s", None)  # the display has its own clock
+            detail = "  ".join(f"{k.replace('_', ' ')} {_brief(v)}" for k, v in fields.items() if v)
+            display.update(bar, description=stage, completed=fraction, detail=detail)
 
         yield update
 

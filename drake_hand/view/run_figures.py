@@ -41,7 +41,7 @@ def draw_tracking(record: RunRecord) -> Figure:
         ax.plot(record.t, np.rad2deg(record.measured[:, j]), color="#2a6fbb", label="measured")
         ax.plot(record.t, np.rad2deg(record.commanded[:, j]), color="0.15", lw=0.8, ls="--", label="commanded")
         ax.set_title(name, loc="left", fontsize=9)
-        _mark_faults(ax, record)
+        _mark_stop(ax, record)
     for ax in axes[len(joints) :]:
         ax.set_visible(False)
     figure.supylabel("position [deg]", fontsize=10)
@@ -65,13 +65,14 @@ def draw_errors(record: RunRecord) -> Figure:
     late.set_ylabel("SYNC late [ms]")
     late.set_xlabel("time [s]")
     for ax in (error, late):
-        _mark_faults(ax, record)
+        _mark_stop(ax, record)
     for fault in record.header.faults[:1]:
         error.set_title(f"stopped: {fault.text}", loc="left", fontsize=9, color=FAULT)
     return figure
 
 
-def _mark_faults(ax: Axes, record: RunRecord) -> None:
-    for fault in record.header.faults:
-        ax.axvline(fault.time_s, color=FAULT, lw=0.8)
+def _mark_stop(ax: Axes, record: RunRecord) -> None:
+    """A line where a fault ended the motion."""
+    if record.header.faults and record.playing.any():
+        ax.axvline(record.t[np.flatnonzero(record.playing)[-1]], color=FAULT, lw=0.8)
     ax.spines[["top", "right"]].set_visible(False)

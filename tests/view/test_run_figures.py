@@ -23,7 +23,7 @@ def record() -> RunRecord:
         t=t,
         late_ms=np.zeros(k),
         step=np.arange(k),
-        playing=np.ones(k, dtype=bool),
+        playing=np.arange(k) <= 40,
         commanded=commanded,
         measured=commanded - np.radians(0.5),
         status=np.zeros((k, 4), dtype=np.uint16),
