@@ -55,7 +55,7 @@ class RunHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     sync_ms: int
     lead: int
     """Rows before the plan's own time begins."""
-    interface: str
+    bus: str
     realtime: bool
     """Whether the bus thread ran with real-time priority."""
     ok: bool
@@ -73,19 +73,23 @@ class RunRecord:
     """(k,) when the SYNC was sent, s since the first row."""
     late_ms: np.ndarray
     """(k,) how late it was."""
+    step: np.ndarray
+    """(k,) row of the schedule; jumps where periods were lost."""
+    playing: np.ndarray
+    """(k,) whether the plan was being played; after it, or after a stop, the last commanded position is repeated."""
     commanded: np.ndarray
     """(k, n) rad."""
     measured: np.ndarray
     """(k, n) rad; NaN where the drive did not answer."""
     status: np.ndarray
-    """(k, n) uint16 status words."""
+    """(k, n) uint16 status words (the last heard)."""
     queued: np.ndarray
     """(k, n) int16 PVT records waiting in the drive; `NO_QUEUE` where there is none."""
 
     @property
     def plan_time(self) -> np.ndarray:
         """(k,) time in the plan, s; negative while leading in."""
-        return (np.arange(len(self.t)) - self.header.lead) * self.header.sync_ms * 1e-3
+        return (self.step - self.header.lead) * self.header.sync_ms * 1e-3
 
     @property
     def error_deg(self) -> np.ndarray:
@@ -98,11 +102,12 @@ class RunRecord:
         Returns:
             (n,) delay, s (zero for a joint that does not move), and (n,) largest error left unexplained, deg.
         """
-        if len(self.t) < 3:
+        rows = self.playing
+        if np.count_nonzero(rows) < 3:
             return np.zeros(self.commanded.shape[1]), np.zeros(self.commanded.shape[1])
-        speed = np.gradient(np.rad2deg(self.commanded), self.header.sync_ms * 1e-3, axis=0)
-        heard = np.isfinite(self.measured)
-        error = np.where(heard, self.error_deg, 0.0)
+        speed = np.gradient(np.rad2deg(self.commanded[rows]), self.plan_time[rows], axis=0)
+        heard = np.isfinite(self.measured[rows])
+        error = np.where(heard, self.error_deg[rows], 0.0)
         power = np.sum(speed**2 * heard, axis=0)
         delay = np.divide(np.sum(error * speed, axis=0), power, out=np.zeros_like(power), where=power > 1e-9)
         rest = np.abs(error - delay * speed) * heard
@@ -142,4 +147,4 @@ class RunRecord:
         return cls(header=header, **arrays)
 
 
-_ARRAYS = ("t", "late_ms", "commanded", "measured", "status", "queued")
+_ARRAYS = ("t", "late_ms", "step", "playing", "commanded", "measured", "status", "queued")

@@ -1,0 +1,35 @@
+"""`Backend`: how one drive is made to follow its column of the schedule; one class per drive type."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from drake_hand.epos.axis import AxisState
+
+
+class Backend(Protocol):
+    """Plays one column of a schedule on one drive.
+
+    Step j is latched by the SYNC j periods after the first of the motion; a drive's demand at that SYNC is row j.
+    """
+
+    def prime(self) -> list[bytes]:
+        """Records to load before the motion, payloads of the record PDO."""
+
+    def primed(self, axis: AxisState) -> bool:
+        """Whether the drive has all of them and no complaint."""
+
+    def hold(self, controlword: int, counts: int) -> bytes:
+        """Command PDO outside the motion: a control word, the target staying at `counts`."""
+
+    def command(self, j: int) -> bytes | None:
+        """Command PDO of step j; None where the drive needs no new one."""
+
+    def feed(self, j: int, axis: AxisState) -> list[bytes]:
+        """Records to send after the SYNC of step j, payloads of the record PDO."""
+
+    def playing(self, axis: AxisState) -> bool:
+        """Whether the drive is in the motion, as far as it shows."""
+
+    def low(self, axis: AxisState) -> bool:
+        """Whether the drive is about to run out of set values."""

@@ -1,0 +1,303 @@
+"""`execute`: from a plan and a bus to motors that moved and are disabled again, or to a refusal that lists why."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import can
+import msgspec
+import numpy as np
+
+from drake_hand import __version__
+from drake_hand.epos import discovery
+from drake_hand.epos.configure import configure, release
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
+from drake_hand.epos.objects import emcy_words
+from drake_hand.epos.player import Player
+from drake_hand.epos.record import Fault, RunHeader, RunRecord
+from drake_hand.epos.schedule import Schedule
+from drake_hand.errors import DriveError, InputError
+from drake_hand.motion.plan import Plan
+
+PROGRESS_S = 0.2
+_BEATS = 4
+"""Heartbeat periods a drive is given to be heard."""
+_SWITCH_S = 5e-4
+"""Longest time another thread keeps the interpreter from the bus thread."""
+
+
+class Refused(DriveError):
+    """No drive was enabled; lists every reason. Exit status 2 where a file is wrong, 1 where a drive or the bus is.
+
+    Args:
+        problems: one line each.
+        wrong_input: whether one of them is a wrong file.
+    """
+
+    def __init__(self, problems: list[str], *, wrong_input: bool) -> None:
+        self.problems = problems
+        self.exit_status = 2 if wrong_input else 1
+        count = f"{len(problems)} problem" + "s" * (len(problems) != 1)
+        super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a run is."""
+
+    stage: str
+    done: float | None = None
+    """Plan time played, s."""
+    total: float | None = None
+    tracking_deg: float | None = None
+    sync_late_ms: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run that enabled drives, and how it ended."""
+
+    record: RunRecord
+    start_skew: int
+    """SYNCs between the first and the last drive that began to play."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the plan was played to its end and every drive was read back as disabled."""
+        return self.record.header.ok
+
+    def answer(self) -> dict:
+        """The JSON object of ``execute`` (DESIGN 3.3), and what explains the tracking error."""
+        record, header = self.record, self.record.header
+        error = np.abs(record.error_deg[record.playing])
+        worst = np.nanmax(error, axis=0) if len(error) else np.zeros(len(header.joints))
+        delay, rest = record.lag()
+        late = record.late_ms if len(record.late_ms) else np.zeros(1)
+        return {
+            "ok": header.ok,
+            "drives": len(header.joints),
+            "max_tracking_error_deg": float(worst.max()),
+            "tracking": {
+                j: {"max_error_deg": float(e), "lag_ms": float(d * 1e3), "unexplained_deg": float(r)}
+                for j, e, d, r in zip(header.joints, worst, delay, rest, strict=True)
+            },
+            "start_skew_syncs": self.start_skew,
+            "sync_late_ms": {
+                "p50": float(np.percentile(late, 50)),
+                "p99": float(np.percentile(late, 99)),
+                "max": float(late.max()),
+            },
+            "faults": [msgspec.to_builtins(f) for f in header.faults],
+            "disabled": not header.not_disabled,
+            "not_disabled": header.not_disabled,
+        }
+
+
+def execute(
+    plan: Plan,
+    drives: Drives,
+    bus: can.BusABC,
+    *,
+    log: Path | None = None,
+    progress: Callable[[Progress], None] = lambda _: None,
+) -> Run:
+    """Checks everything, plays a plan, and leaves every drive disabled.
+
+    Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once.
+
+    Args:
+        plan: certified.
+        drives: of the hand.
+        bus: open; stays the caller's to shut down.
+        log: file for the run's record.
+        progress: called a few times a second.
+
+    Raises:
+        Refused: something is not as it has to be; no drive was enabled.
+    """
+    problems, wrong_input = plan_problems(plan, drives)
+    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
+        progress(Progress(stage="looking for drives"))
+        found, conditions = _look(master, drives)
+        problems += found
+        measured = np.array([c.position for c in conditions]) if len(conditions) == len(drives.drives) else None
+        schedule = _schedule(plan, drives, measured)
+        if schedule is not None and measured is not None:
+            problems += schedule.far_from_start(measured)
+            problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
+        if problems or schedule is None:
+            raise Refused(problems, wrong_input=wrong_input)
+        progress(Progress(stage="configuring"))
+        try:
+            problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
+            problems += [
+                f"node {e.node}: EMCY {emcy_words(e.code)} while being configured" for e in master.emergencies if e.code
+            ]
+            if problems:
+                raise Refused(problems, wrong_input=False)
+            run = _play(master, plan, schedule, str(bus.channel_info), progress)
+        finally:
+            release(master, drives.drives)
+    if log:
+        run.record.save(log)
+    return run
+
+
+def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
+    """What is wrong with a plan for these drives before a bus is needed; and whether a file is wrong by it."""
+    problems, wrong_input = [], False
+    if plan.certificate is None:
+        problems.append("the plan carries no certificate (drake-hand check PLAN says why)")
+    elif plan.certificate.plan_hash != plan.hash:
+        problems.append("the plan was edited after it was certified: its hash is not that of the certificate")
+        wrong_input = True
+    elif not plan.certificate.certified:
+        problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))
+    try:
+        violations = Schedule.build(plan, drives).violations()
+    except InputError as e:
+        return [*problems, " ".join(str(e).split())], True
+    return problems + violations, wrong_input or bool(violations)
+
+
+def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None) -> Schedule | None:
+    with contextlib.suppress(InputError):  # reported by plan_problems
+        return Schedule.build(plan, drives, start)
+    return None
+
+
+def _look(master: Master, drives: Drives) -> tuple[list[str], list[discovery.Condition]]:
+    """What is wrong on the bus; and how the drives that tell are, in the file's order."""
+    problems, answering = discovery.mismatches(master, drives)
+    conditions, silent = discovery.conditions(master, answering)
+    return problems + silent + discovery.not_ready(conditions), conditions
+
+
+def reset_faults(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]:
+    """Resets the drives that are in fault, enables none and plays nothing.
+
+    Args:
+        drives: of the hand.
+        bus: open; stays the caller's to shut down.
+
+    Returns:
+        What was in fault, with its stored errors, and what still is or does not answer, one line each.
+    """
+    with Master(bus) as master:
+        conditions, silent = discovery.conditions(master, drives.drives)
+        faulty = [c for c in conditions if c.state.faulty]
+        were = [f"{c.drive.joint} (node {c.drive.node}): " + ("; ".join(c.error_words) or c.words) for c in faulty]
+        return were, silent + discovery.reset_faults(master, [c.drive for c in faulty])
+
+
+def _operational(master: Master, drives: Drives) -> list[str]:
+    """Starts the nodes and waits until each is heard to be operational; those that are not."""
+    since = time.monotonic()
+    master.nmt(NMT_OPERATIONAL)
+
+    def quiet() -> list[str]:
+        return [
+            f"{d.joint} (node {d.node}): no heartbeat, or not operational"
+            for d in drives.drives
+            if not (h := master.heard.get(d.node)) or h[0] < since or h[1] != HEARTBEAT_OPERATIONAL
+        ]
+
+    end = since + _BEATS * drives.bus.heartbeat_ms * 1e-3
+    while quiet() and time.monotonic() < end:
+        time.sleep(0.01)
+    return quiet()
+
+
+def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progress: Callable[[Progress], None]) -> Run:
+    drives = schedule.drives
+    player = Player(schedule, master.send)
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    with _quiet_interpreter(), _signals(player):
+        master.attach(player, schedule.period)
+        try:
+            while not player.done.wait(PROGRESS_S):
+                when, tracking, late = player.log.latest()
+                done = max(when, 0.0)
+                progress(
+                    Progress(
+                        stage=player.stage, done=done, total=plan.duration, tracking_deg=tracking, sync_late_ms=late
+                    )
+                )
+        except BaseException as e:
+            player.request_stop("internal", f"{type(e).__name__}: {e}")
+            player.done.wait()
+            raise
+        finally:
+            not_disabled = discovery.disable_all(master, drives.drives)
+            faults = [_with_history(master, f) for f in player.faults]
+            master.detach()
+    header = RunHeader(
+        version=__version__,
+        started=started,
+        plan_hash=plan.hash,
+        hand=plan.hand,
+        joints=list(drives.joints),
+        nodes=list(drives.nodes),
+        types=[str(d.type) for d in drives.drives],
+        sync_ms=drives.bus.sync_ms,
+        lead=schedule.lead,
+        bus=bus_name,
+        realtime=master.realtime,
+        ok=not faults and not not_disabled,
+        faults=faults,
+        not_disabled=not_disabled,
+    )
+    return Run(record=player.log.record(header), start_skew=player.start_skew)
+
+
+def _with_history(master: Master, fault: Fault) -> Fault:
+    """Adds what the drive has stored, when it still answers."""
+    if not fault.node:
+        return fault
+    try:
+        history = [emcy_words(code) for code in discovery.error_history(master, fault.node)]
+    except SdoError:
+        return fault
+    return msgspec.structs.replace(fault, history=history)
+
+
+@contextmanager
+def _quiet_interpreter() -> Iterator[None]:
+    """No garbage collection over what exists already, and short turns for other threads."""
+    before = sys.getswitchinterval()
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+        gc.unfreeze()
+
+
+@contextmanager
+def _signals(player: Player) -> Iterator[None]:
+    """Ctrl-C and SIGTERM become stops, while the main thread waits."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {
+        s: signal.signal(s, lambda n, _: player.request_stop("interrupt", signal.Signals(n).name))
+        for s in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for s, handler in before.items():
+            signal.signal(s, handler)

@@ -1,0 +1,309 @@
+"""`Player`: what happens SYNC by SYNC: enable together, start together, follow the schedule, stop together.
+
+It runs in the bus thread. Its course is a generator that yields once per SYNC; a stop drops the course and begins the
+one that brings everything to rest.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+
+import can
+
+from drake_hand.epos.axis import AxisState
+from drake_hand.epos.backend import Backend
+from drake_hand.epos.csp import CspBackend
+from drake_hand.epos.logbook import Logbook
+from drake_hand.epos.objects import DriveType
+from drake_hand.epos.pdo import SYNC_COB
+from drake_hand.epos.position import PositionBackend
+from drake_hand.epos.pvt import PvtBackend
+from drake_hand.epos.record import Fault
+from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.state import Control, State
+from drake_hand.epos.stops import MISSED_AT_MOST, Watch
+
+BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
+    "epos2": PvtBackend,
+    "epos4": CspBackend,
+    "epos1": PositionBackend,
+}
+LADDER = (
+    (Control.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    (Control.SWITCH_ON, State.SWITCHED_ON),
+    (Control.ENABLE, State.OPERATION_ENABLED),
+)
+"""Control word and the state all drives have to reach before the next."""
+LISTEN_SYNCS = 5
+ENABLE_S, PRIME_S, SETTLE_S, STOP_S, DISABLE_S = 1.0, 0.5, 1.0, 1.0, 0.5
+"""How long each stage may take."""
+STARTED_BY = 4
+"""Step by which every PVT drive has shown that it plays."""
+RECORDS_PER_SYNC = 2
+"""While loading the queues: a third of the bus at 10 ms and 1 Mbit/s."""
+_STILL = 3
+_ERRORS_AT_MOST = 20
+
+
+class _Stop(Exception):
+    """Ends the course: what a stage of it could not reach."""
+
+    def __init__(self, kind: str, text: str, axis: AxisState | None = None) -> None:
+        self.kind, self.text, self.axis = kind, text, axis
+
+
+class Player:
+    """Plays a schedule on drives that are configured and operational.
+
+    Args:
+        schedule: the motion.
+        send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
+    """
+
+    def __init__(self, schedule: Schedule, send: Callable[[int, bytes], None]) -> None:
+        self.schedule = schedule
+        self.watch = Watch(schedule.drives)
+        self.axes = self.watch.axes
+        self.faults: list[Fault] = []
+        """The first stopped the run; the others came after."""
+        self.log = Logbook(schedule)
+        self.done = threading.Event()
+        """All reachable drives are disabled, as far as their status words tell."""
+        self.stage = "listening"
+        self.step = -1
+        """Of the schedule, at the last SYNC."""
+        self.start_skew = 0
+        """SYNCs between the first and the last drive that began to play."""
+        self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
+        self._send = send
+        self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
+        self._rows: list[list[int]] = schedule.counts.tolist()
+        self._course: Iterator[None] = self._play()
+        self._requests: deque[tuple[str, str]] = deque()
+        self._stopping = self._cutting = False
+        self._moving = False
+        self._first_playing: dict[int, int] = {}
+        self._send_error: Exception | None = None
+        self._errors = 0
+        self._now = 0.0
+
+    # From other threads
+
+    def request_stop(self, kind: str, text: str) -> None:
+        """Stops the group at the next SYNC at the latest; the second request takes the power off at once."""
+        self._requests.append((kind, text))
+
+    # In the bus thread
+
+    def on_frame(self, cob: int, data: bytes, now: float) -> None:
+        """A frame arrived."""
+        self._now = now
+        self._react(self.watch.frame(cob, data, now))
+
+    def on_tick(self, now: float, late: float, skipped: int) -> None:
+        """Ends a period and begins the next: SYNC first, then what the next SYNC is to latch."""
+        self._now = now
+        self.log.close_row(self.axes)
+        self._react(self.watch.period_ends(now))
+        self._take_requests()
+        if self._streams and late > self.schedule.period and self._moving:
+            self._stop("late", f"SYNC {late * 1e3:.1f} ms late, more than a period")
+        self._put(SYNC_COB, b"")
+        self.watch.sync += 1
+        if self._moving:
+            self.step = min(self.step + 1 + skipped, self.schedule.last)
+            self.watch.demand = self._rows[self.step]
+        self.log.open_row(now, late, self.step, moving=self._moving)
+        try:
+            next(self._course, None)
+        except _Stop as e:
+            self._stop(e.kind, e.text, e.axis)
+        if self._send_error is not None:
+            error, self._send_error = self._send_error, None
+            self._stop("bus", f"the bus takes no frames: {error}")
+
+    def on_error(self, error: Exception) -> None:
+        """Something raised in the bus thread: stop; when even that keeps raising, leave the rest to SDO."""
+        self._errors += 1
+        if self._errors > _ERRORS_AT_MOST:
+            self.done.set()
+            return
+        self._stop("bus" if isinstance(error, can.CanError) else "internal", f"{type(error).__name__}: {error}")
+
+    def _put(self, cob: int, data: bytes) -> None:
+        """Sends; a frame the bus does not take must not keep the next from being tried."""
+        try:
+            self._send(cob, data)
+        except (can.CanError, OSError) as e:
+            self._send_error = e
+
+    def _command(self, i: int, controlword: int) -> None:
+        axis = self.axes[i]
+        payload = self._backends[i].hold(controlword, self._rows[max(self.step, 0)][i])
+        self._put(axis.layout.command.cob_id(axis.drive.node), payload)
+
+    def _command_at_once(self, controlword: int, axes: Iterable[int]) -> None:
+        """By the PDO that acts at once; and by the latched one, so that none pending undoes it at the next SYNC."""
+        axes = list(axes)
+        for i in axes:
+            axis = self.axes[i]
+            self._put(axis.layout.stop.cob_id(axis.drive.node), axis.layout.stop.pack(controlword))
+        for i in axes:
+            self._command(i, controlword)
+
+    def _react(self, faults: Iterable[Fault]) -> None:
+        for fault in faults:
+            if not any(f.kind == fault.kind and f.node == fault.node for f in self.faults) and not self.done.is_set():
+                self.faults.append(fault)
+            self._begin_stop()
+
+    def _stop(self, kind: str, text: str, axis: AxisState | None = None) -> None:
+        self._react([self.watch.fault(kind, text, self._now, axis)])
+
+    def _take_requests(self) -> None:
+        while self._requests:
+            again = self._stopping
+            self._stop(*self._requests.popleft())
+            if again and not self._cutting:
+                self._cutting = True
+                self._command_at_once(Control.DISABLE_VOLTAGE, range(len(self.axes)))
+                self._course = self._disable()
+
+    def _begin_stop(self) -> None:
+        if self._stopping:
+            return
+        self._stopping, self._moving = True, False
+        self.watch.enabled, self.watch.demand = False, None
+        self._command_at_once(Control.QUICK_STOP, range(len(self.axes)))
+        self._course = self._halt()
+
+    # The course
+
+    def _play(self) -> Iterator[None]:
+        for _ in range(LISTEN_SYNCS):
+            yield
+        self._check_unmoved()
+        self.stage = "enabling"
+        for word, state in LADDER:
+            yield from self._bring(word, state)
+        self.watch.enabled, self.watch.demand = True, self._rows[0]
+        yield from self._prime()
+        self.stage = "playing"
+        yield from self._motion()
+        yield from self._settle()
+        self._stopping = True
+        self.watch.enabled, self.watch.demand = False, None
+        yield from self._disable()
+
+    def _syncs(self, seconds: float) -> range:
+        return range(max(1, round(seconds / self.schedule.period)))
+
+    def _check_unmoved(self) -> None:
+        for axis, counts in zip(self.axes, self._rows[0], strict=True):
+            if abs(axis.position - counts) > axis.drive.following_error_counts // 2:
+                raise _Stop("start", f"moved by {axis.position - counts} counts before it was enabled", axis)
+
+    def _bring(self, word: int, state: State) -> Iterator[None]:
+        """All drives together to a state: the next word goes out when the last has arrived."""
+        for _ in self._syncs(ENABLE_S):
+            late = [i for i, a in enumerate(self.axes) if a.state is not state]
+            if not late:
+                return
+            for i in late:
+                self._command(i, word)
+            yield
+        axis = self.axes[late[0]]
+        raise _Stop("enable", f"is {axis.state.value}, does not get {state.value}", axis)
+
+    def _prime(self) -> Iterator[None]:
+        waiting = [deque(b.prime()) for b in self._backends]
+        while any(waiting):
+            for axis, records in zip(self.axes, waiting, strict=True):
+                for _ in range(min(RECORDS_PER_SYNC, len(records))):
+                    self._put_record(axis, records.popleft())
+            yield
+        for _ in self._syncs(PRIME_S):
+            late = [a for a, b in zip(self.axes, self._backends, strict=True) if not b.primed(a)]
+            if not late:
+                return
+            yield
+        raise _Stop("queue", f"holds {late[0].queued} PVT records, not those it was sent", late[0])
+
+    def _put_record(self, axis: AxisState, record: bytes) -> None:
+        assert axis.layout.record
+        self._put(axis.layout.record.cob_id(axis.drive.node), record)
+
+    def _motion(self) -> Iterator[None]:
+        self._command_step(0)
+        self._moving = True
+        while self.step < self.schedule.last:
+            yield
+            self._command_step(self.step + 1)
+            for axis, backend in zip(self.axes, self._backends, strict=True):
+                for record in backend.feed(self.step, axis):
+                    self._put_record(axis, record)
+                if backend.low(axis):
+                    raise _Stop("queue", f"PVT queue low: {axis.queued} records", axis)
+            self._check_in_step()
+        self._moving = False
+
+    def _command_step(self, j: int) -> None:
+        for axis, backend in zip(self.axes, self._backends, strict=True):
+            if (payload := backend.command(j)) is not None:
+                self._put(axis.layout.command.cob_id(axis.drive.node), payload)
+
+    def _check_in_step(self) -> None:
+        """That the drives began to play in the same SYNC, and still play."""
+        if self.step > STARTED_BY:
+            for axis, backend in zip(self.axes, self._backends, strict=True):
+                if not backend.playing(axis) and self.step < self.schedule.last - 1:
+                    raise _Stop("skew", "does not play", axis)
+            return
+        for axis, backend in zip(self.axes, self._backends, strict=True):
+            if axis.drive.type == "epos2" and backend.playing(axis):
+                self._first_playing.setdefault(axis.drive.node, self.step)
+        if self._first_playing:
+            steps = self._first_playing.values()
+            self.start_skew = max(steps) - min(steps)
+            if self.start_skew:
+                raise _Stop("skew", f"the drives began to play {self.start_skew} SYNCs apart")
+
+    def _settle(self) -> Iterator[None]:
+        """Until every motor rests and no queue plays."""
+        self.stage = "settling"
+        for _ in self._syncs(SETTLE_S):
+            yield
+            busy = [a for a in self.axes if a.still < _STILL or (a.drive.type == "epos2" and a.active)]
+            if not busy:
+                return
+        raise _Stop("stuck", "does not come to rest", busy[0])
+
+    def _halt(self) -> Iterator[None]:
+        """Quick stop until everything rests, then disable."""
+        self.stage = "stopping"
+        for _ in self._syncs(STOP_S):
+            yield
+            busy = [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
+            if all(self.axes[i].state is State.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
+                break
+            self._command_at_once(
+                Control.QUICK_STOP, [i for i in busy if self.axes[i].state is State.OPERATION_ENABLED]
+            )
+        yield from self._disable()
+
+    def _disable(self) -> Iterator[None]:
+        """Power off, at rest."""
+        self.stage = "disabling"
+        self._command_at_once(Control.DISABLE_VOLTAGE, range(len(self.axes)))
+        for _ in self._syncs(DISABLE_S):
+            yield
+            powered = [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
+            if not powered:
+                break
+            self._command_at_once(Control.DISABLE_VOLTAGE, powered)
+        self.stage = "disabled"
+        self.done.set()
+        while True:
+            yield

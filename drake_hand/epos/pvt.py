@@ -1,0 +1,84 @@
+"""`PvtBackend`: streams position-velocity-time records into the queue of an EPOS2, which does the timing itself.
+
+The queue is kept near `QUEUE_S` seconds: long enough for a late master, short enough that a drive whose master is
+gone does not play on for long.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.epos.axis import AxisState
+from drake_hand.epos.objects import IP_DEPTH
+from drake_hand.epos.pdo import LAYOUT, pack_record
+from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.state import Control
+
+QUEUE_S = 0.4
+"""Time kept queued; 0.5 s at most (DESIGN of the stops)."""
+LOW_S = 0.1
+"""Less than this queued before the end stops the group: the drive would fault at two records."""
+
+
+class PvtBackend:
+    """One EPOS2.
+
+    Args:
+        schedule: the motion.
+        column: of the drive.
+    """
+
+    def __init__(self, schedule: Schedule, column: int) -> None:
+        rows = slice(None, None, schedule.record_steps)
+        ms = schedule.record_steps * schedule.drives.bus.sync_ms
+        counts, rpm = schedule.counts[rows, column], schedule.rpm[rows, column]
+        times = np.full(len(counts), ms)
+        times[-1] = 0
+        self._records = [pack_record(c, v, int(t)) for c, v, t in zip(counts, rpm, times, strict=True)]
+        self._every, self._phase = schedule.record_steps, column
+        self._target = min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
+        self._low = min(max(3, int(LOW_S * 1e3 / ms)), self._target - 1)
+        self._next = self._flying = 0
+        self._command = LAYOUT["epos2"].command
+
+    def prime(self) -> list[bytes]:
+        """The first records, up to the target."""
+        self._next = min(self._target, len(self._records))
+        return self._records[: self._next]
+
+    def primed(self, axis: AxisState) -> bool:
+        """All of them queued, no error."""
+        return axis.queued == self._next and not axis.queue_error
+
+    def hold(self, controlword: int, counts: int) -> bytes:
+        """The control word alone: outside the motion the drive holds by itself."""
+        return self._command.pack(controlword)
+
+    def command(self, j: int) -> bytes | None:
+        """Run, once: the drive's clock does the rest."""
+        return self._command.pack(Control.ENABLE_RUN) if j == 0 else None
+
+    def feed(self, j: int, axis: AxisState) -> list[bytes]:
+        """One record when there is room, on this drive's turn; one more when it falls behind.
+
+        Drives take turns so that the records of all do not come in the same period.
+        """
+        room = self._target - self._waiting(axis)
+        turn = (j + self._phase) % self._every == 0
+        count = min(2 if room > 2 else 1 if room > 0 and turn else 0, len(self._records) - self._next)
+        records = self._records[self._next : self._next + count]
+        self._next += count
+        self._flying = count + (self._flying if axis.missed else 0)
+        return records
+
+    def _waiting(self, axis: AxisState) -> int:
+        """Records in the drive when it last answered, and those sent since."""
+        return axis.queued + self._flying
+
+    def playing(self, axis: AxisState) -> bool:
+        """As bit 12 of the status word says."""
+        return axis.active
+
+    def low(self, axis: AxisState) -> bool:
+        """Few records queued, though not all are sent."""
+        return self._next < len(self._records) and self._waiting(axis) < self._low
