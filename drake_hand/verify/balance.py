@@ -1,0 +1,133 @@
+"""Force balance of a plan's contact forces, and who holds the object when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_hand.motion.trajectory import States
+
+UNBALANCED_SHARE = 0.02
+"""Part of the object's weight that may stay unbalanced; torque: that force at 10 mm."""
+_G, _LENGTH = 9.81, 0.01
+_LEAST_FORCE = 1e-3
+"""N; a contact pressed less than this has no friction to judge."""
+_SLIDING = 1e-4
+"""m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
+_SWEEPS = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """Mass properties of the object, and what acts between it and the fingers."""
+
+    mass: float
+    p_OCom: np.ndarray
+    I_OCom: np.ndarray
+    """(3, 3) about the centre of mass, in O's axes."""
+    gravity: np.ndarray
+    """(3,) in W, m/s^2."""
+    friction: float
+    torsion_radius: float
+    """Soft-finger torque limit over friction force, m."""
+
+
+def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.ndarray:
+    """The fraction of the friction cone that a contact force leaves unused: 1 - |f_t| / (mu f_n).
+
+    Args:
+        f_W: (..., 3) forces of fingers on the object, N.
+        n_W: (..., 3) outward normals of the object.
+        friction: coefficient mu.
+
+    Returns:
+        (...) 1 straight into the surface, 0 on the cone, negative outside, -1 at most outside and where the finger
+        pulls; NaN where there is no force to judge.
+    """
+    press = -np.sum(f_W * n_W, axis=-1)
+    tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        margin = np.where(press > 0, np.maximum(1 - tangential / (friction * press), -1.0), -1.0)
+    return np.where(np.linalg.norm(f_W, axis=-1) < _LEAST_FORCE, np.nan, margin)
+
+
+def unbalanced(states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.ndarray, body: Body) -> np.ndarray:
+    """What no contact force balances, over its tolerance.
+
+    Newton and Euler about the object's centre of mass: contact forces as planned, gravity, the plan's own
+    acceleration. Every contact may add a torsional moment about its normal, as far as the ellipse of friction force
+    and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5); moments are chosen to balance best, by
+    coordinate descent. The friction of a finger that slides is mu f_n against its motion, whatever the plan says.
+
+    Args:
+        states: k samples, F fingers.
+        p_OS: (k, F, 3) contact points in O.
+        n_O: (k, F, 3) outward normals in O.
+        slip_W: (k, F, 3) velocity with which a finger slides over the object, m/s; zero where it does not.
+        body: the object.
+
+    Returns:
+        (k,) 1 is just tolerable.
+    """
+    R = states.X_WO[:, :3, :3]
+    n_W = np.einsum("kij,kfj->kfi", R, n_O)
+    arm_W = np.einsum("kij,kfj->kfi", R, p_OS - body.p_OCom)
+    press = -np.sum(states.f_W * n_W, axis=-1)
+    speed = np.linalg.norm(slip_W, axis=-1)
+    sliding = speed > _SLIDING
+    along = slip_W / np.maximum(speed, _SLIDING)[..., None]
+    kinetic = press[..., None] * (body.friction * along - n_W)
+    f_W = np.where(sliding[..., None], kinetic, states.f_W)
+
+    w, dw = states.V_WO[:, :3], states.A_WO[:, :3]
+    r = R @ body.p_OCom
+    a_com = states.A_WO[:, 3:] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
+    I_W = R @ body.I_OCom @ np.swapaxes(R, 1, 2)
+    momentum = np.einsum("kij,kj->ki", I_W, w)
+    force = f_W.sum(axis=1) - body.mass * (a_com - body.gravity)
+    torque = np.cross(arm_W, f_W).sum(axis=1) - np.einsum("kij,kj->ki", I_W, dw) - np.cross(w, momentum)
+
+    grip = body.friction * np.maximum(press, 0.0)
+    tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
+    limit = body.torsion_radius * np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
+    torque = _add_torsion(torque, n_W, limit)
+    tolerance = UNBALANCED_SHARE * body.mass * _G
+    return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / _LENGTH) / tolerance
+
+
+def _add_torsion(torque: np.ndarray, n: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """(k, 3) what is left of a torque when moments m_f n_f, |m_f| <= limit (k, F), reduce it as far as they can."""
+    moment = np.zeros_like(limit)
+    for _ in range(_SWEEPS):
+        for f in range(limit.shape[1]):
+            wanted = moment[:, f] - np.sum(torque * n[:, f], axis=1)
+            new = np.clip(wanted, -limit[:, f], limit[:, f])
+            torque = torque + (new - moment[:, f])[:, None] * n[:, f]
+            moment[:, f] = new
+    return torque
+
+
+def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """When the fixture has the object instead of the fingers (DESIGN 3.1: until the grasp is complete).
+
+    Every stretch without any contact, and the plan's beginning, count; each reaches as far as the object lies still
+    and the fingers do not hold it yet (any more). From the first moment in which they hold it, or in which it moves,
+    the fixture is gone.
+
+    Args:
+        touching: (k,) number of fingers in contact.
+        held: (k,) whether they hold it: enough of them, in balance.
+        moved: (k - 1,) whether the object moves between neighbouring samples.
+
+    Returns:
+        (k,) mask.
+    """
+    k = len(touching)
+    mask = touching == 0
+    mask[0] = not held[0]
+    for i in range(1, k):
+        mask[i] |= mask[i - 1] and not held[i] and not moved[i - 1]
+    for i in range(k - 2, -1, -1):
+        mask[i] |= mask[i + 1] and not held[i] and not moved[i]
+    return mask

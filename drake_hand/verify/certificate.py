@@ -1,0 +1,90 @@
+"""`certify`: a plan, proved from its file alone by code that shares nothing with the planner but the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drake_hand.errors import InputError
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.motion.plan import Certificate, Plan
+from drake_hand.motion.trajectory import Trajectory
+from drake_hand.verify.contacts import check_contacts
+from drake_hand.verify.findings import Findings
+from drake_hand.verify.goal import check_goal
+from drake_hand.verify.hold import check_hold
+from drake_hand.verify.joints import check_joints
+from drake_hand.verify.legality import check_modes
+from drake_hand.verify.observe import observe
+
+
+def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
+    """Checks a plan against everything DESIGN 3.4 asks of it.
+
+    Fields of the certificate, each with its worst value, where and when it happened, and its limit:
+
+    - ``contact_mm``: largest gap or overlap of a tip in contact with the object, or distance of the contact point
+      that the plan states from the true one.
+    - ``slip_mm``: longest way the tip's surface slides over the object's during one ROLL contact; for
+      ``model: pivot`` the largest distance of the tip's centre from where it was in O.
+    - ``penetration_mm``: deepest overlap of any pair but a tip in contact and the object; negative means clear by
+      so much. A FREE tip may touch the object within the contact tolerance only where it makes or breaks contact.
+    - ``limit_margin_rad``: least distance of a joint, or of its command, from its limits.
+    - ``speed_ratio``, ``acceleration_ratio``: of joints (speed: also of commands) over the hand's limits.
+    - ``rest_speed_rad_s``: fastest joint or object (linear speed over 0.1 m) at mode changes and at both ends.
+    - ``joint_jump_rad``, ``object_jump_mm``: between the end of a part and the start of the next.
+    - ``contacts``: least number of fingers that hold the object, not below min_contacts.
+    - ``drift_mm``: how far the object moves while the fixture holds it.
+    - ``force_margin``: fraction of the friction cone left, 1 - abs(f_t) / (mu f_n).
+    - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
+    - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's
+      weight (torque: that weight at 10 mm).
+    - ``goal_position_mm``, ``goal_rotation_deg``: off the start pose or a step's goal, winding counted.
+    - ``mode``: number of violations in the walk through the automaton.
+
+    Force fields are null for ``hold: kinematic``. The weight of the hand's own links is not part of the joint torques.
+
+    Args:
+        plan: the plan; a certificate it carries is ignored.
+        scene: its hand and object, loaded if not given.
+        progress: told the share done, now and then.
+
+    Raises:
+        InputError: the plan is malformed, or was made for another hand or object than the one found.
+    """
+    plan.validate()
+    hand = scene.hand if scene else Hand.load(plan.task.hand)
+    object_ = Object.load(plan.task.object)
+    _check_models(plan, hand, object_)
+    if scene is None:
+        scene = Scene(hand, object_, object_mass=plan.object_mass_kg)
+    findings = Findings()
+    trajectory = Trajectory(plan)
+    check_modes(plan, findings)
+    check_joints(trajectory, hand, findings)
+    seen = observe(trajectory, scene, progress)
+    check_contacts(seen, plan, findings)
+    stages = check_goal(plan.task, seen.states, findings)
+    check_hold(seen, plan, scene, stages, findings)
+    return Certificate(
+        certified=not findings.failures,
+        samples=len(seen.states.t),
+        worst=findings.worst,
+        failures=findings.failures,
+        plan_hash=plan.hash,
+    )
+
+
+def _check_models(plan: Plan, hand: Hand, object_: Object) -> None:
+    mass = plan.task.physics.object_mass_kg
+    for key, found, expected in (
+        ("hand", plan.hand, hand.name),
+        ("urdf_sha256", plan.urdf_sha256, hand.urdf_sha256),
+        ("object_sha256", plan.object_sha256, object_.sha256),
+        ("fingers", plan.fingers, [f.name for f in hand.fingers]),
+        ("joints", plan.joints, list(hand.joints)),
+        ("object_mass_kg", plan.object_mass_kg, object_.mass if mass is None else mass),
+    ):
+        if found != expected:
+            raise InputError("the plan was made for another model", key=key, found=found, expected=expected)

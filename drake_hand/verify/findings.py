@@ -1,0 +1,92 @@
+"""Certificate fields, their tolerances (DESIGN 3.4), and the worst of many values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_hand.motion.plan import Worst
+
+TOLERANCES = {
+    "contact_mm": 0.1,
+    "slip_mm": 0.5,
+    "penetration_mm": 0.0,
+    "limit_margin_rad": 0.0,
+    "speed_ratio": 1.0,
+    "acceleration_ratio": 1.0,
+    "rest_speed_rad_s": 1e-3,
+    "joint_jump_rad": 1e-4,
+    "object_jump_mm": 1e-2,
+    "drift_mm": 1e-2,
+    "force_margin": 0.0,
+    "effort_ratio": 1.0,
+    "balance_ratio": 1.0,
+    "goal_position_mm": 0.1,
+    "goal_rotation_deg": 0.1,
+    "mode": 0.0,
+}
+"""Limits of the fields. `contacts`, the least number of fingers that hold, is limited by the task's min_contacts."""
+AT_LEAST = {"limit_margin_rad", "force_margin", "contacts"}
+"""Fields whose value must not be below the limit; all others must not be above."""
+
+
+@dataclass
+class Findings:
+    """Collects the worst value of every field."""
+
+    worst: dict[str, Worst] = field(default_factory=dict)
+
+    def add(
+        self,
+        name: str,
+        values: np.ndarray,
+        t: np.ndarray,
+        part: np.ndarray,
+        where: Sequence[str] | Callable[[int], str] = ("",),
+        *,
+        limit: float | None = None,
+    ) -> None:
+        """Keeps the worst of (k,) or (k, m) values, NaN meaning that there is nothing to judge.
+
+        Args:
+            name: the field.
+            values: what was measured.
+            t: (k,) when.
+            part: (k,) in which part of the plan.
+            where: names of the m columns, or a function that names a row.
+            limit: for a field that is not in `TOLERANCES`.
+        """
+        limit = TOLERANCES[name] if limit is None else limit
+        values = np.asarray(values, dtype=float)
+        sign = -1.0 if name in AT_LEAST else 1.0
+        judged = np.where(np.isnan(values), -np.inf, sign * values)
+        if not np.isfinite(judged).any():
+            self.worst.setdefault(name, Worst(value=None, limit=limit, ok=True))
+            return
+        index = np.unravel_index(np.argmax(judged), judged.shape)
+        value, row = float(values[index]), int(index[0])
+        label = where(row) if callable(where) else where[int(index[-1]) if values.ndim == 2 else 0]
+        before = self.worst.get(name)
+        if before is not None and before.value is not None and sign * before.value >= sign * value:
+            return
+        self.worst[name] = Worst(
+            value=value,
+            limit=limit,
+            ok=bool(sign * value <= sign * limit),
+            time_s=round(float(t[row]), 6),
+            part=int(part[row]),
+            where=label,
+        )
+
+    @property
+    def failures(self) -> list[str]:
+        """One sentence for every field that is not kept."""
+        return [_sentence(name, w) for name, w in self.worst.items() if not w.ok]
+
+
+def _sentence(name: str, w: Worst) -> str:
+    relation = "below" if name in AT_LEAST else "above"
+    text = f"{name} {w.value:.4g} is {relation} {w.limit:g} at {w.time_s:.3f} s in part {w.part}"
+    return f"{text} ({w.where})" if w.where else text

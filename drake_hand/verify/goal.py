@@ -1,0 +1,112 @@
+"""Where the motion of a task leads, worked out from the task alone, and whether a plan gets there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_hand.motion.trajectory import States
+from drake_hand.planning.task import MoveTo, Pose, Step, Task
+from drake_hand.verify.findings import TOLERANCES, Findings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """The samples in which one step of the motion is carried out, `first` to `last`."""
+
+    step: Step
+    name: str
+    first: int
+    last: int
+
+
+def pose(p: Pose | MoveTo) -> np.ndarray:
+    """(4, 4) pose as a person writes it: roll, pitch, yaw about fixed x, y, z; mm and degrees."""
+    roll, pitch, yaw = np.radians(p.rpy_deg)
+    X = np.eye(4)
+    X[:3, :3] = (
+        Rotation.from_rotvec([0, 0, yaw]) * Rotation.from_rotvec([0, pitch, 0]) * Rotation.from_rotvec([roll, 0, 0])
+    ).as_matrix()
+    X[:3, 3] = np.array(p.xyz_mm) / 1000
+    return X
+
+
+def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
+    """Follows the motion through the plan: start pose, then every step's goal in turn, the last at the end.
+
+    A rotation has to turn by its whole angle: the turn is integrated about its axis from the end of the step before.
+    Each goal is met at its closest approach, the first time it is met at all.
+
+    Returns:
+        The stages, for all steps.
+    """
+    X_WO = states.X_WO
+    if isinstance(task.start, Pose):
+        _report(findings, states, 0, _errors(X_WO[:1], pose(task.start))[:, 0], "start")
+    # turned vector: time integral of the angular velocity
+    w, dt = states.V_WO[:, :3], np.diff(states.t)[:, None]
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
+    X, first, stages = X_WO[0], 0, []
+    moving = [i for i, s in enumerate(task.motion) if s.kind in ("rotate", "translate", "move_to", "push")]
+    for i, step in enumerate(task.motion):
+        name = f"step {i + 1}, {step.kind}"
+        if i not in moving:
+            stages.append(Stage(step=step, name=name, first=first, last=first))
+            continue
+        goal, axis, angle = _goal(step, X)
+        position_mm, rotation_deg = _errors(X_WO[first:], goal)
+        if axis is not None:
+            winding = np.degrees(np.abs((turned[first:] - turned[first]) @ axis - angle))
+            rotation_deg = np.maximum(rotation_deg, winding)
+        error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])
+        at = len(error) - 1 if i == moving[-1] else _first_closest(error)
+        _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), name)
+        stages.append(Stage(step=step, name=name, first=first, last=first + at))
+        X, first = goal, first + at
+    return stages
+
+
+def _goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, float]:
+    """Pose after a step that starts at pose X; axis in W and angle in rad if it is a rotation."""
+    goal = X.copy()
+    if step.move_to:
+        return pose(step.move_to), None, 0.0
+    if step.translate or step.push:
+        by_mm = step.translate.by_mm if step.translate else step.push.by_mm if step.push else (0.0, 0.0, 0.0)
+        goal[:3, 3] += np.array(by_mm) / 1000
+        return goal, None, 0.0
+    rotate = step.rotate
+    assert rotate is not None
+    axis = np.array(rotate.axis, dtype=float) / np.linalg.norm(rotate.axis)
+    axis = X[:3, :3] @ axis if rotate.frame == "object" else axis
+    about = X[:3, 3] if rotate.about_mm is None else np.array(rotate.about_mm) / 1000
+    angle = np.radians(rotate.angle_deg)
+    R = Rotation.from_rotvec(axis * angle).as_matrix()
+    goal[:3, :3] = R @ X[:3, :3]
+    goal[:3, 3] = about + R @ (X[:3, 3] - about)
+    return goal, axis, float(angle)
+
+
+def _errors(X: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """(2, k) distance in mm and angle in degrees between poses and a goal."""
+    R = goal[:3, :3].T @ X[:, :3, :3]
+    angle = Rotation.from_matrix(R).magnitude()
+    return np.stack([np.linalg.norm(X[:, :3, 3] - goal[:3, 3], axis=1) * 1000, np.degrees(angle)])
+
+
+def _first_closest(error: np.ndarray) -> int:
+    """Where the error is least in the first stretch in which it is within tolerance (1), or at all if it never is."""
+    within = np.flatnonzero(error <= 1)
+    if not len(within):
+        return int(np.argmin(error))
+    beyond = np.flatnonzero(error[within[0] :] > 1)
+    stretch = error[within[0] : within[0] + beyond[0]] if len(beyond) else error[within[0] :]
+    return int(within[0] + np.argmin(stretch))
+
+
+def _report(findings: Findings, states: States, at: int, errors: np.ndarray, name: str) -> None:
+    t, part = states.t[at : at + 1], states.part[at : at + 1]
+    findings.add("goal_position_mm", errors[:1], t, part, [name])
+    findings.add("goal_rotation_deg", errors[1:], t, part, [name])

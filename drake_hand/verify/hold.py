@@ -1,0 +1,67 @@
+"""Who holds the object when, and whether the fingers hold it with forces that balance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.model.scene import Scene
+from drake_hand.motion.plan import Plan
+from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
+from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
+from drake_hand.verify.findings import Findings
+from drake_hand.verify.goal import Stage
+from drake_hand.verify.joints import displacement
+from drake_hand.verify.observe import Observed
+
+_STILL = 1e-8
+"""m between samples below which the object does not move."""
+
+
+def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[Stage], findings: Findings) -> None:
+    """Judges forces and contacts wherever neither fixture nor support has the object, and its rest where they do."""
+    s, task = seen.states, plan.task
+    touching = np.sum(seen.digits != FREE, axis=1)
+    held = touching >= task.options.min_contacts
+    if task.options.hold == "equilibrium":
+        balance = _forces(seen, plan, scene, findings)
+        held &= balance <= 1
+    else:
+        balance = np.full(len(s.t), np.nan)
+        for name in ("force_margin", "effort_ratio"):
+            findings.add(name, np.full(1, np.nan), s.t[:1], s.part[:1])
+    moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL
+    in_fixture = fixture(touching, held, moved)
+    supported = np.zeros(len(s.t), dtype=bool)
+    for stage in stages:
+        if stage.step.push:
+            rows = slice(stage.first, stage.last + 1)
+            pushing = seen.digits[rows, plan.fingers.index(stage.step.push.finger)] != FREE
+            supported[rows] = pushing
+            in_fixture[rows] = ~pushing
+    for first, end in runs(in_fixture):
+        drift = displacement(s.X_WO[first:end], s.X_WO[first : first + 1])
+        findings.add("drift_mm", drift * 1000, s.t[first:end], s.part[first:end])
+    own = ~in_fixture & ~supported
+    findings.add("contacts", np.where(own, touching, np.nan), s.t, s.part, limit=float(task.options.min_contacts))
+    findings.add("balance_ratio", np.where(own, balance, np.nan), s.t, s.part)
+
+
+def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.ndarray:
+    """Judges friction and efforts everywhere; (k,) what is unbalanced over its tolerance."""
+    s, task, object_ = seen.states, plan.task, scene.object
+    assert object_ is not None
+    n_O = np.nan_to_num(seen.n_O)
+    n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], n_O)
+    margin = friction_margins(s.f_W, n_W, task.physics.friction)
+    slip_W = sliding_velocity(seen)
+    findings.add("force_margin", np.where(seen.digits == SLIDE, np.nan, margin), s.t, s.part, plan.fingers)
+    findings.add("effort_ratio", np.abs(seen.torque) / scene.hand.effort, s.t, s.part, plan.joints)
+    body = Body(
+        mass=plan.object_mass_kg,
+        p_OCom=object_.p_OCom,
+        I_OCom=object_.I_OCom * plan.object_mass_kg / object_.mass,
+        gravity=np.array(task.physics.gravity),
+        friction=task.physics.friction,
+        torsion_radius=scene.hand.pad.torsion_radius_mm / 1000,
+    )
+    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, body)

@@ -1,0 +1,71 @@
+"""Whether the modes of a plan are a legal walk through the automaton and what the task allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.motion.plan import Plan
+from drake_hand.planning.task import Pose
+from drake_hand.verify.findings import Findings
+
+_EVENTS = {"01": "make", "02": "make", "10": "break", "20": "break", "21": "stick", "12": "slip"}
+
+
+def check_modes(plan: Plan, findings: Findings) -> None:
+    """Reports the number of violations and the first of them as field ``mode``."""
+    violations = sorted(_violations(plan), key=lambda v: v[0])
+    part, text = violations[0] if violations else (0, "")
+    t = plan.parts[part].t[0]
+    findings.add("mode", np.array([len(violations)]), np.array([t]), np.array([part]), [text])
+
+
+def _violations(plan: Plan) -> list[tuple[int, str]]:
+    task, found = plan.task, []
+    for i, part in enumerate(plan.parts):
+        if task.options.modes is not None and part.mode not in task.options.modes:
+            found.append((i, f"mode {part.mode} is not among options.modes"))
+        expected = _events(plan.parts[i - 1].mode, part.mode, plan.fingers) if i else []
+        if sorted(part.events) != sorted(expected):
+            found.append((i, f"events {part.events or 'none'} where the modes say {expected or 'none'}"))
+        elif i and not expected:
+            found.append((i, f"mode {part.mode} goes on as a new part without an event"))
+    in_grasp = isinstance(task.start, Pose) and bool(task.start.joints_deg)
+    first, last = plan.parts[0].mode, plan.parts[-1].mode
+    if not in_grasp and first.strip("0"):
+        found.append((0, f"starts in mode {first}, but nothing is grasped yet"))
+    if task.motion[-1].kind == "release" and last.strip("0"):
+        found.append((len(plan.parts) - 1, f"ends in mode {last} after a release"))
+    return found + _fingers(plan) + _slides(plan)
+
+
+def _events(before: str, after: str, fingers: list[str]) -> list[str]:
+    changes = zip(before, after, fingers, strict=True)
+    return [f"{_EVENTS[a + b]} {finger}" for a, b, finger in changes if a != b]
+
+
+def _touching(plan: Plan, mode: str) -> set[str]:
+    return {finger for finger, digit in zip(plan.fingers, mode, strict=True) if digit != "0"}
+
+
+def _fingers(plan: Plan) -> list[tuple[int, str]]:
+    """Where grasps name their fingers, these take part and no others (a finger that pushes is named too)."""
+    grasps = [step.grasp for step in plan.task.motion if step.grasp]
+    if not grasps or any(g.fingers is None for g in grasps):
+        return []
+    sets = [set(g.fingers or ()) for g in grasps]
+    allowed = set.union(*sets, *({s.push.finger} for s in plan.task.motion if s.push))
+    found = [
+        (i, f"{', '.join(sorted(others))} not among the grasp's fingers")
+        for i, part in enumerate(plan.parts)
+        if (others := _touching(plan, part.mode) - allowed)
+    ]
+    modes = [_touching(plan, part.mode) for part in plan.parts]
+    found += [(0, f"never grasps with {', '.join(sorted(s))} together") for s in sets if not any(s <= m for m in modes)]
+    return found
+
+
+def _slides(plan: Plan) -> list[tuple[int, str]]:
+    """Every finger that a step tells to slide does."""
+    told = {s.slide.finger for s in plan.task.motion if s.slide}
+    sliding = {f for part in plan.parts for f, digit in zip(plan.fingers, part.mode, strict=True) if digit == "2"}
+    return [(0, f"{finger} never slides, as the motion asks") for finger in sorted(told - sliding)]
