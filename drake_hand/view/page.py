@@ -9,29 +9,32 @@ from string import Template
 from drake_hand.motion.plan import Plan
 from drake_hand.view.colors import SUBMODEL
 
+Fact = tuple[str, str, bool]
+"""Name, value, and whether that is as it should be."""
+
 
 def add_panel(
-    html: str, plan: Plan, *, facts: list[tuple[str, str]] | None = None, verdict: tuple[str, bool] | None = None
+    html: str, plan: Plan, *, facts: list[Fact] | None = None, verdict: tuple[str, bool] | None = None
 ) -> str:
     """Puts the panel into a page of Meshcat's ``StaticHtml``.
 
     Args:
         html: the page; its recording must last as long as the plan.
         plan: what is shown.
-        facts: name and value pairs of the card; the certificate's worst values if not given.
+        facts: lines of the card; the certificate's worst values if not given.
         verdict: the badge and whether it is good news; whether the plan is certified if not given.
     """
     certificate = plan.certificate
     badge, good = verdict or ("certified" if plan.certified else "not certified", plan.certified)
     if facts is None:
         worst = certificate.worst if certificate else {}
-        facts = [(name, f"{w.value:.3g}") for name, w in worst.items() if w.value is not None]
+        facts = [(name, f"{w.value:.3g}", w.ok) for name, w in worst.items() if w.value is not None]
     data = {
         "title": title(plan),
         "subtitle": f"{plan.hand}, {plan.duration:.1f} s",
         "verdict": badge,
         "good": good,
-        "facts": [(name.replace("_", " "), value) for name, value in facts],
+        "facts": [(name.replace("_", " "), value, fine) for name, value, fine in facts],
         "fingers": plan.fingers,
         "duration": plan.duration,
         "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],

@@ -1,0 +1,51 @@
+"""The built wheel, in an empty environment and away from the checkout, plans a bundled task."""
+
+import json
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def bin_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scripts of a venv that holds the wheel and sees the dependencies of this one, but not the checkout."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(CHECKOUT)]
+    subprocess.run(build, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    venv.create(folder / "venv", with_pip=False)
+    python = folder / "venv" / "bin" / "python"
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(folder / "venv")}))
+    # A path named in a .pth file gives modules, but its own .pth files (the editable install) are not followed.
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(install, check=True, capture_output=True)
+    return python.parent
+
+
+def run(bin_dir: Path, cwd: Path, *command: str) -> str:
+    job = subprocess.run([str(bin_dir / command[0]), *command[1:]], cwd=cwd, capture_output=True, text=True)
+    assert job.returncode == 0, job.stderr
+    return job.stdout
+
+
+def test_wheel_is_what_runs_and_brings_its_data(bin_dir, tmp_path):
+    code = "import drake_hand.files as f; print(f.__file__); print(f.data_dir()); print(*f.bundled('hands', '.hand.yaml'))"
+    file, data, hands = run(bin_dir, tmp_path, "python", "-c", code).splitlines()
+    assert file.startswith(str(bin_dir.parent))
+    assert data.startswith(str(bin_dir.parent))
+    assert "kanguera" in hands
+
+
+def test_wheel_plans_checks_and_shows_a_bundled_task(bin_dir, tmp_path):
+    answer = run(bin_dir, tmp_path, "drake-hand", "plan", "carry", "-o", "carry.plan.json", "--json")
+    assert json.loads(answer)["status"] == "certified"
+    assert json.loads(run(bin_dir, tmp_path, "drake-hand", "check", "carry.plan.json", "--json"))["certified"]
+    run(bin_dir, tmp_path, "drake-hand", "show", "carry.plan.json", "--html", "carry.html")
+    assert "dh-data" in (tmp_path / "carry.html").read_text()
