@@ -50,7 +50,7 @@ class Motor:
     def step(self, demand: Demand, dt: float, powered: bool) -> None:
         """Advances by dt seconds."""
         if powered:
-            error = demand.position - self.position
+            error = demand.position - self.position - self.velocity * dt
             wanted = NATURAL_RAD_S * (NATURAL_RAD_S * error - 2 * DAMPING_RATIO * self.velocity)
             acceleration = min(max(wanted, -self._limit), self._limit)
         else:
