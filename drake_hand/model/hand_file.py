@@ -7,7 +7,7 @@ import msgspec
 SUFFIX = ".hand.yaml"
 
 
-class TipSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class TipSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
     """The spherical fingertip: which link, where on it, how large."""
 
     link: str
@@ -15,14 +15,14 @@ class TipSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class FingerSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class FingerSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
     """One finger of a hand file."""
 
     name: str
     tip: TipSpec
 
 
-class JointSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class JointSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
     """Limits and servo of a joint; what is not given falls back to ``defaults`` and the URDF."""
 
     lower_deg: float | None = None
@@ -35,7 +35,7 @@ class JointSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only
     home_deg: float | None = None
 
 
-class PadSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class PadSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
     """The fingertip's material, for force plans and physics."""
 
     hydroelastic_modulus_pa: float = 5.0e6
@@ -46,7 +46,7 @@ class PadSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     """Soft-finger torsion: torque limit over friction force."""
 
 
-class HandSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class HandSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
     """A hand.yaml file."""
 
     name: str

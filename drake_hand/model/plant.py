@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -83,7 +84,7 @@ def add_hand_and_object(
     X_RootPalm = np.eye(4)
     for joint in hand.urdf.chain(hand.urdf.root, hand.palm) or []:
         X_RootPalm = X_RootPalm @ joint.X_PC
-    root = plant.GetFrameByName(hand.urdf.root, hand_model)
+    root = plant.GetBodyByName(_drake_name(hand.urdf.root), hand_model).body_frame()
     plant.WeldFrames(plant.world_frame(), root, RigidTransform(X_RootPalm).inverse())
     for finger in hand.fingers:
         properties = tip_properties(finger) if tip_properties else _plain_properties()
@@ -126,6 +127,11 @@ def _held(hand: Hand) -> list[str]:
     return [j.name for j in hand.urdf.joints.values() if j.moves and j.name not in own]
 
 
+def _drake_name(link: str) -> str:
+    """Drake takes a link called ``world`` for its own."""
+    return "world_link" if link == "world" else link
+
+
 def _hand_xml(hand: Hand, report: list[str]) -> ET.Element:
     robot, notes = readable(hand.urdf, lambda mesh: str(to_drake(mesh)))
     held = _held(hand)
@@ -147,6 +153,10 @@ def _hand_xml(hand: Hand, report: list[str]) -> ET.Element:
     for transmission in robot.findall("transmission"):
         if not {j.get("name") for j in transmission.findall("joint")} <= set(hand.joints):
             robot.remove(transmission)
+    for element in robot.iter():
+        attribute = "name" if element.tag == "link" else "link"
+        if attribute in element.attrib:
+            element.set(attribute, _drake_name(element.attrib[attribute]))
     tips = {finger.tip_link for finger in hand.fingers}
     for link in robot.findall("link"):
         if link.get("name") in tips:
@@ -171,7 +181,7 @@ def _parse(plant: MultibodyPlant, robot: ET.Element, file: Path, report: list[st
 
 def _filter(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, model: ModelInstanceIndex) -> None:
     def shapes(links: list[str]) -> GeometrySet:
-        return plant.CollectRegisteredGeometries([plant.GetBodyByName(link, model) for link in links])
+        return plant.CollectRegisteredGeometries([plant.GetBodyByName(_drake_name(link), model) for link in links])
 
     manager = scene_graph.collision_filter_manager()
     for group, other in filtered_pairs(hand):
@@ -196,7 +206,9 @@ def _drake_log(report: list[str]) -> Iterator[None]:
 
     class Collect(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            report.append(" ".join(record.getMessage().split()))
+            message = re.sub(r"^<literal-string>\S*\s*", "Drake's parser: ", " ".join(record.getMessage().split()))
+            if message not in report:
+                report.append(message)
 
     logger, handler = logging.getLogger("drake"), Collect()
     propagate, handlers = logger.propagate, logger.handlers[:]

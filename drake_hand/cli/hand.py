@@ -1,0 +1,100 @@
+"""Commands about hand models: hand check, hand init, hand convert."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from drake_hand.cli.output import print_json, print_table
+
+app = App(name="hand", help="Examine a hand model, bring in your own.")
+
+Output = Annotated[Path, Parameter(name=["--output", "-o"])]
+
+
+@app.command
+def check(hand: str, /, *, json: bool = False) -> int:
+    """Say what a hand model consists of and what is wrong with it.
+
+    Exit status: 0 nothing stands in the way of planning, 1 something does, 2 the model cannot be read.
+
+    ```console
+    $ drake-hand hand check kanguera
+    $ drake-hand hand check my_hand.urdf --json
+    ```
+
+    Args:
+        hand: a bundled name, a hand file, or a URDF, in which fingers are then looked for.
+        json: print one JSON object on stdout.
+    """
+    from drake_hand.model.check import check as examine
+
+    report = examine(hand)
+    status = 1 if report.problems else 0
+    if json:
+        print_json({"status": "problems" if status else "ok", **dataclasses.asdict(report)})
+        return status
+    rows = (
+        (f["name"], f["tip_link"], f["tip_radius_mm"], f["tip_home_mm"], ", ".join(f["joints"])) for f in report.fingers
+    )
+    print_table(
+        f"{report.name}: {len(report.fingers)} fingers on {report.palm}",
+        ["finger", "tip link", "radius mm>", "tip at home mm", "commanded joints"],
+        rows,
+    )
+    print_table(
+        f"{len(report.joints)} moving joints (deg, deg/s, Nm)",
+        ["joint", "finger", "lower>", "upper>", "speed>", "effort>", "follows"],
+        ((j["name"], j["finger"], *j["limits"], j["speed"], j["effort"], j["follows"]) for j in report.joints),
+    )
+    for title, lines in (("put right on loading", report.repaired), ("worth a look", report.remarks)):
+        if lines:
+            print("\n  - ".join([f"{title}:", *lines]))
+    print(
+        "\n  - ".join(["in the way of planning:", *report.problems])
+        if status
+        else "nothing stands in the way of planning"
+    )
+    return status
+
+
+@app.command
+def init(urdf: Path, /, *, output: Output) -> int:
+    """Propose a hand file for a URDF: its fingers, their tips and what to look at.
+
+    ```console
+    $ drake-hand hand init my_hand.urdf -o my.hand.yaml
+    $ drake-hand hand check my.hand.yaml
+    ```
+
+    Args:
+        urdf: the model.
+        output: the hand file to write, *.hand.yaml.
+    """
+    from drake_hand.model.check import init as write_proposal
+
+    proposal = write_proposal(urdf, output)
+    print("\n  - ".join([f"wrote {output}; look at:", *proposal.remarks]))
+    return 0
+
+
+@app.command
+def convert(urdf: Path, /, *, output: Output) -> int:
+    """Write a copy of a URDF that Drake reads: meshes as OBJ, relative paths, sound inertias, transmissions.
+
+    ```console
+    $ drake-hand hand convert my_hand.urdf -o converted/
+    ```
+
+    Args:
+        urdf: the model.
+        output: a folder other than the model's.
+    """
+    from drake_hand.model.readable import convert as write_readable
+
+    report = write_readable(urdf, output)
+    print("\n  - ".join([f"wrote {output / urdf.name}", *report]))
+    return 0
