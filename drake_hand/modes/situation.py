@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.kinematics import ObjectMotion, slip_velocity
 from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
 
@@ -74,22 +75,22 @@ class Situation:
     def touches(self) -> dict[str, Touch]:
         """Every fingertip against the object, by finger name."""
         hand, state = self.scene.hand, self.state
-        surface = Surface.of(self.scene.object)
+        surface = object_surface(self.scene)
+        still = np.zeros((1, 6))
+        motion = ObjectMotion(X_WO=state.X_WO[None], V_WO=state.V_WO[None], A_WO=still)
         R_WO, p_WO = state.X_WO[:3, :3], state.X_WO[:3, 3]
-        w_WO, v_WO = state.V_WO[:3], state.V_WO[3:]
         touches = {}
         for finger in hand.fingers:
             kinematics = FingerKinematics.of(hand, finger)
-            p_WC, _, J, Jw = (a[0] for a in kinematics.jacobian(state.q[None, finger.columns]))
-            v = state.v[finger.columns]
-            p_OS, nhat_O, distance = (a[0] for a in surface.closest(((p_WC - p_WO) @ R_WO)[None]))
-            nhat_W = R_WO @ nhat_O
-            v_WC, v_object = J @ v, v_WO + np.cross(w_WO, R_WO @ p_OS)
+            q, v = state.q[None, finger.columns], state.v[None, finger.columns]
+            p_WC, _, J, _ = kinematics.jacobian(q)
+            _, nhat_O, distance = surface.closest((p_WC - p_WO) @ R_WO)
+            carried = state.V_WO[3:] + np.cross(state.V_WO[:3], p_WC[0] - p_WO)
             touches[finger.name] = Touch(
-                gap=float(distance) - finger.radius,
-                nhat_W=nhat_W,
-                slip_W=v_WC - np.cross(Jw @ v, finger.radius * nhat_W) - v_object,
-                pivot_W=v_WC - v_WO - np.cross(w_WO, p_WC - p_WO),
+                gap=float(distance[0]) - finger.radius,
+                nhat_W=R_WO @ nhat_O[0],
+                slip_W=slip_velocity(kinematics, surface, q, v, motion)[0],
+                pivot_W=J[0] @ v[0] - carried,
             )
         return touches
 
@@ -115,3 +116,14 @@ class Situation:
         """Largest joint speed, rad/s, and the joint."""
         worst = int(np.abs(self.state.v).argmax())
         return float(abs(self.state.v[worst])), self.scene.hand.joints[worst]
+
+
+def object_surface(scene: Scene) -> Surface:
+    """The surface of a scene's object.
+
+    Raises:
+        InputError: it has none.
+    """
+    if scene.object is None:
+        raise InputError("the scene has no object", expected="a scene made with one")
+    return Surface.of(scene.object)

@@ -1,0 +1,132 @@
+"""Solving a mode's inverse kinematics, and saying which finger, constraint and amount stand in the way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.solvers import SnoptSolver, SolverOptions
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.modes.constraints import MINIMUM_DISTANCE, ModeProgram, contact_name, reach
+
+TOLERANCE = 1e-5
+"""A constraint is kept that is violated by no more than this, m or rad."""
+AT_LIMIT = 1e-3
+"""A joint is said to be at its limit within this, rad or m."""
+
+
+class Infeasible(NoPlanFound):
+    """The constraints of a mode cannot be met; evidence names mode, finger, constraint, amount and pose."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeSolution:
+    """A posture that keeps the constraints of a mode."""
+
+    q: np.ndarray
+    """(nq,) commanded joints, rad."""
+    p_OC: dict[str, np.ndarray]
+    """(3,) tip centre in the object of every finger in contact, m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Violation:
+    """A constraint that is not kept."""
+
+    finger: str
+    """Empty where it is about no single finger."""
+    constraint: str
+    amount: float
+    """m, or rad of a coupling."""
+    where: str = ""
+    """Pair of bodies."""
+
+    def __str__(self) -> str:
+        where = f" ({self.where})" if self.where else ""
+        return f"{self.constraint}{where} missed by {self.amount * 1e3:.3g} mm"
+
+
+def solve_ik(program: ModeProgram) -> ModeSolution:
+    """Solves the inverse kinematics of a mode with SNOPT, from the program's guess.
+
+    Raises:
+        Infeasible: no posture near the guess keeps all constraints. What stands in the way is told where each finger
+            reaches for its contact on its own: a contact out of reach, or what would then be too near.
+    """
+    options = SolverOptions()
+    options.SetOption(SnoptSolver.id(), "Major iterations limit", 100)
+    try:
+        result = SnoptSolver().Solve(program.prog, None, options)
+        q = program.commanded(result.GetSolution(program.ik.q()))
+        if find_violations(program, q):
+            q = reach(program.scene.hand, program.X_WO, program.p_OC, q)
+            violations = find_violations(program, q)
+            if violations:
+                raise _infeasible(program, q, violations)
+    except RuntimeError as e:  # distance queries between some convex shapes throw (drake#21673)
+        raise Infeasible(f"mode {program.mode}: a distance query failed: {e}", evidence=_about(program)) from e
+    scene, X_WO = program.scene, program.X_WO
+    scene.set(q, X_WO)
+    tips = {name: scene.tip_position(name) for name in program.p_OC}
+    return ModeSolution(q=q, p_OC={name: (p_WC - X_WO[:3, 3]) @ X_WO[:3, :3] for name, p_WC in tips.items()})
+
+
+def find_violations(program: ModeProgram, q: np.ndarray) -> list[Violation]:
+    """The constraints a posture q (nq,) does not keep: contacts first, then distances, the worst of each first."""
+    scene = program.scene
+    scene.set(q, program.X_WO)
+    positions = scene.plant.GetPositions(scene.plant_context)
+    finger_of = {contact_name(name, scene): name for name in program.p_OC}
+    violations = []
+    for binding in program.prog.GetAllConstraints():
+        constraint = binding.evaluator()
+        name = constraint.get_description()
+        if name == MINIMUM_DISTANCE:
+            continue  # its value is a penalty, not a distance
+        value = constraint.Eval(positions[program.prog.FindDecisionVariableIndices(binding.variables())])
+        excess = np.maximum(0, np.maximum(constraint.lower_bound() - value, value - constraint.upper_bound()))
+        amount = float(np.linalg.norm(excess))
+        violations.append(Violation(finger=finger_of.get(name, ""), constraint=name, amount=amount))
+    for a, b, distance in scene.clearances(program.options.clearance, exclude=program.p_OC):
+        owner = next((f.name for f in scene.hand.fingers if a in f.links or b in f.links), "")
+        short = program.options.clearance - distance
+        violations.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
+    beyond = [v for v in violations if v.amount > TOLERANCE]
+    return sorted(beyond, key=lambda v: (v.constraint == MINIMUM_DISTANCE, -v.amount))
+
+
+def _infeasible(program: ModeProgram, q: np.ndarray, violations: list[Violation]) -> Infeasible:
+    hand, worst = program.scene.hand, violations[0]
+    limits = [
+        f"{hand.joints[column]} at its {word} limit"
+        for finger in hand.fingers
+        if finger.name == worst.finger
+        for column in finger.columns
+        for limit, word in ((hand.q_lower, "lower"), (hand.q_upper, "upper"))
+        if abs(q[column] - limit[column]) < AT_LIMIT
+    ]
+    evidence = _about(program) | {
+        "finger": worst.finger,
+        "constraint": worst.constraint,
+        "amount_mm": worst.amount * 1e3,
+        "where": worst.where,
+        "at_limit": limits,
+        "violations": [str(v) for v in violations],
+    }
+    xyz, rpy = (", ".join(f"{x:.1f}" for x in evidence[k]) for k in ("xyz_mm", "rpy_deg"))
+    who = f"{worst.finger}: " if worst.finger else ""
+    at_limit = f", {', '.join(limits)}" if limits else ""
+    pose = f"object at ({xyz}) mm, rpy ({rpy}) deg"
+    return Infeasible(f"mode {program.mode} is infeasible: {who}{worst}{at_limit}; {pose}", evidence=evidence)
+
+
+def _about(program: ModeProgram) -> dict:
+    rpy = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(program.X_WO[:3, :3])).vector()
+    return {
+        "mode": program.mode.code,
+        "xyz_mm": [float(x) * 1e3 for x in program.X_WO[:3, 3]],
+        "rpy_deg": [math.degrees(a) for a in rpy],
+    }
