@@ -1,0 +1,168 @@
+"""`drake-hand bench`: speed on this machine, each figure beside what a user would otherwise write, in one run."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from statistics import median
+from time import perf_counter
+from typing import Annotated, Any
+
+import msgspec
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from drake_hand.cli.output import print_json, print_table
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.task import Grasp, Step, Task
+
+Samples = dict[str, list[float]]
+
+UNITS = {
+    "ik_per_s": "contacts solved per second, batched",
+    "ik_vs_drake": "times the rate of one Drake IK program per contact",
+    "ik_vs_pinocchio": "times the rate of a Pinocchio loop per contact",
+    "equilibrium_per_s": "contact sets tested for balance per second",
+    "spin90_s": "s to plan a quarter turn of the pencil",
+    "spin360_s": "s to plan a full turn",
+    "plan_over_check": "planning time over checking time, full turn",
+    "five_over_three": "planning time with five fingers over three, full turn",
+    "turns10_over_1": "planning time of ten turns over one",
+    "realtime_factor": "physics replay, times real time",
+}
+
+
+def bench(*, runs: Annotated[int, Parameter(validator=Number(gte=1))] = 3, seed: int = 0, json: bool = False) -> None:
+    """Measure speed on this machine: inverse kinematics, equilibrium, planning, physics.
+
+    What cannot be measured here (a package that is not installed, a plan that is not found) is left out and named.
+
+    ```console
+    $ drake-hand bench
+    $ drake-hand bench --runs 5 --json
+    ```
+
+    Args:
+        runs: of every measurement; median, least and largest are reported.
+        seed: of random contacts and of the planner.
+        json: print one JSON object on stdout.
+    """
+    found: Samples = {}
+    missing: dict[str, str] = {}
+    for name, measure in {"ik": _ik, "equilibrium": _equilibrium, "planning": _planning}.items():
+        print(f"measuring {name} ...", file=sys.stderr)
+        try:
+            for key, values in measure(runs, seed):
+                found.setdefault(key, []).extend(values)
+        except NoPlanFound as e:
+            missing[name] = str(e)
+    figures = {key: summarise(found[key]) for key in UNITS if key in found}
+    if json:
+        print_json(figures | {"machine": _machine(), "versions": _versions(), "missing": missing})
+        return
+    print_table(
+        "Benchmark",
+        ["", "median>", "min>", "max>", "n>", ""],
+        [(key, f["median"], f["min"], f["max"], f["n"], UNITS[key]) for key, f in figures.items()],
+    )
+    for what in (_machine(), _versions()):
+        print(", ".join(f"{k} {v}" for k, v in what.items()))
+    for name, reason in missing.items():
+        print(f"{name} not measured: {reason}")
+
+
+def summarise(values: list[float]) -> dict[str, float]:
+    """Median, least, largest and number of some values."""
+    return {"median": median(values), "min": min(values), "max": max(values), "n": len(values)}
+
+
+def _ik(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand.cli.bench_ik import ik_samples
+    from drake_hand.model.hand import Hand
+
+    yield from ik_samples(Hand.load("kanguera"), repeats=runs, seed=seed).items()
+
+
+def _equilibrium(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    import numpy as np
+
+    from drake_hand.contact.equilibrium import margins
+
+    N, k = 20_000, 5
+    rng = np.random.default_rng(seed)
+
+    def once() -> float:
+        angle, along = rng.uniform(0, 2 * np.pi, (N, k)), rng.uniform(-0.03, 0.03, (N, k))
+        n_W = -np.stack([np.cos(angle), np.sin(angle), np.zeros((N, k))], axis=-1)
+        p_WP = -0.008 * n_W
+        p_WP[..., 2] = along
+        start = perf_counter()
+        margins(
+            p_WP,
+            n_W,
+            np.ones((N, k), bool),
+            p_WCom=np.zeros(3),
+            force_W=np.array([-0.1, 0, 0]),
+            friction=0.8,
+            f_max=1.0,
+        )
+        return N / (perf_counter() - start)
+
+    once()  # compiles
+    yield "equilibrium_per_s", [once() for _ in range(runs)]
+
+
+def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand import api
+
+    spin = Task.load("spin")
+
+    def plan_s(task: Task) -> float:
+        return api.solve(task, seed=seed, time_limit=600).plan_s
+
+    plan_s(turned(spin, 10.0))  # imports and compiled code are not planning time
+    yield "spin90_s", [plan_s(turned(spin, 90.0)) for _ in range(runs)]
+    full = [api.solve(turned(spin, 360.0), seed=seed, time_limit=600) for _ in range(runs)]
+    yield "spin360_s", [r.plan_s for r in full]
+    yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
+    one = median(r.plan_s for r in full)
+    yield "turns10_over_1", [plan_s(turned(spin, 3600.0)) / one]
+    three = plan_s(turned(spin, 360.0, fingers=["thumb", "index", "middle"]))
+    yield (
+        "five_over_three",
+        [plan_s(turned(spin, 360.0, fingers=["thumb", "index", "middle", "ring", "little"])) / three],
+    )
+
+
+def turned(task: Task, angle_deg: float, *, fingers: list[str] | None = None) -> Task:
+    """A spin task with another angle, and perhaps other fingers."""
+
+    def change(step: Step) -> Step:
+        if step.rotate:
+            return Step(rotate=msgspec.structs.replace(step.rotate, angle_deg=angle_deg))
+        if step.grasp and fingers:
+            return Step(grasp=Grasp(fingers=fingers, kind=step.grasp.kind))
+        return step
+
+    return msgspec.structs.replace(task, motion=[change(s) for s in task.motion])
+
+
+def _machine() -> dict[str, Any]:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"cpu": _cpu(), "cores": cores, "system": f"{platform.system()} {platform.machine()}"}
+
+
+def _cpu() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as f:
+            return next(line.partition(":")[2].strip() for line in f if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown"
+
+
+def _versions() -> dict[str, str]:
+    names = ("drake_hand", "drake", "numpy", "numba")
+    return {"python": platform.python_version(), **{n: importlib.metadata.version(n) for n in names}}
