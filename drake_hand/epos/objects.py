@@ -98,6 +98,8 @@ PROFILE_ACCELERATION = Obj(0x6083, 0, "u32")
 PROFILE_DECELERATION = Obj(0x6084, 0, "u32")
 QUICK_STOP_DECELERATION = Obj(0x6085, 0, "u32")
 MAX_ACCELERATION = Obj(0x60C5, 0, "u32")
+SUPPORTED_MODES = Obj(0x6502, 0, "u32")
+"""Bit n - 1 stands for mode n."""
 
 # Interpolated position (EPOS2), cycle time (EPOS4)
 IP_SUBMODE = Obj(0x60C0, 0, "i16")

@@ -93,6 +93,11 @@ class Dictionary:
             entry = self._entries[obj.index, obj.sub]
             entry.value = entry.default = value
 
+    @property
+    def objects(self) -> list[Obj]:
+        """All there are."""
+        return [e.obj for e in self._entries.values()]
+
     def entry(self, index: int, sub: int) -> Entry:
         """The entry.
 
@@ -190,6 +195,8 @@ def _device(d: Dictionary, drive: Drive) -> None:
     d.add(o.DISABLE_OPTION, 1, limits=(0, 1))
     d.add(o.FAULT_OPTION, 2, limits=(0, 2))
     d.add(o.MODE, o.MODE_PROFILE)
+    modes = [m for m in (o.MODE_PROFILE, o.STREAM_MODE[drive.type]) if m > 0]
+    d.add(o.SUPPORTED_MODES, sum(1 << m - 1 for m in modes), access="ro")
     d.add(o.MODE_DISPLAY, o.MODE_PROFILE, access="ro")
     d.add(o.POSITION_DEMAND, access="ro")
     d.add(o.POSITION_ACTUAL, access="ro")

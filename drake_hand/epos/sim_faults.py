@@ -63,8 +63,8 @@ class Fault(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     at_s: _Seconds | None = None
     between_s: tuple[_Seconds, _Seconds] | None = None
     """Instead of `at_s`: a moment drawn by the seed. Neither in a command: at once."""
-    duration_s: _Seconds = math.inf
-    """Of ``lost``, ``late`` and ``duplicate``; the others last until cleared."""
+    duration_s: _Seconds | None = None
+    """Of ``lost``, ``late`` and ``duplicate``; without it, and all others, until cleared."""
     code: Annotated[int, Meta(ge=1, le=0xFFFF)] = 0x2310
     """Of ``emcy``."""
     rate_counts_s: float = 200.0
@@ -147,7 +147,7 @@ class FrameFaults:
 
     def add(self, fault: Fault, t: float) -> None:
         """Begins at time t."""
-        self._active.append((fault, t + fault.duration_s))
+        self._active.append((fault, math.inf if fault.duration_s is None else t + fault.duration_s))
 
     def clear(self) -> None:
         """Ends all."""

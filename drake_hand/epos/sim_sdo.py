@@ -1,4 +1,4 @@
-"""SDO server of a simulated drive: expedited and segmented transfers; block upload falls back to segments (CiA 301)."""
+"""SDO server of a simulated drive: expedited and segmented transfers, no blocks (CiA 301)."""
 
 from __future__ import annotations
 
@@ -30,9 +30,7 @@ class SdoServer:
             if command == 4:
                 self._transfer = ""
                 return None
-            if command in (2, 5):
-                if command == 5 and request[0] & 3:
-                    raise SdoAbortedError(_BAD_COMMAND)
+            if command == 2:
                 return self._upload(request)
             if command == 1:
                 return self._download(request)
@@ -40,7 +38,7 @@ class SdoServer:
                 return self._upload_segment(request)
             if command == 0 and self._transfer == "down":
                 return self._download_segment(request)
-            if command == 6:
+            if command in (5, 6):
                 self._key = _HEADER.unpack_from(request)[1:]
             raise SdoAbortedError(_BAD_COMMAND)
         except SdoAbortedError as e:
