@@ -36,7 +36,9 @@ def run(bin_dir: Path, cwd: Path, *command: str) -> str:
 
 
 def test_wheel_is_what_runs_and_brings_its_data(bin_dir, tmp_path):
-    code = "import drake_hand.files as f; print(f.__file__); print(f.data_dir()); print(*f.bundled('hands', '.hand.yaml'))"
+    code = (
+        "import drake_hand.files as f; print(f.__file__); print(f.data_dir()); print(*f.bundled('hands', '.hand.yaml'))"
+    )
     file, data, hands = run(bin_dir, tmp_path, "python", "-c", code).splitlines()
     assert file.startswith(str(bin_dir.parent))
     assert data.startswith(str(bin_dir.parent))
