@@ -35,7 +35,7 @@ def swing(
     amplitude = np.radians(amplitude_deg) * np.linspace(1.0, 0.5, len(joints))
     q = np.outer(1 - np.cos(w * t), amplitude) / 2
     v = np.outer(w * np.sin(w * t), amplitude) / 2
-    still = [[1.0, 0, 0, 0, 0, 0, 0]] * len(t)
+    still = [[1.0] + [0.0] * 6] * len(t)
     part = Part(
         mode="0",
         events=[],
@@ -47,7 +47,9 @@ def swing(
         contacts={},
     )
     plan = Plan(
-        task=Task(hand="kanguera", object="pencil", start=Pose(xyz_mm=(0, 0, 0)), motion=[Step(release=Release())]),
+        task=Task(
+            hand="kanguera", object="pencil", start=Pose(xyz_mm=(0.0, 0.0, 0.0)), motion=[Step(release=Release())]
+        ),
         hand="kanguera",
         urdf_sha256="0" * 64,
         fingers=["all"],

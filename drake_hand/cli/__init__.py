@@ -22,7 +22,7 @@ COMMANDS = {
     "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
     "execute": ("drake_hand.cli.drives:execute", "Play a plan on motor drives, real or simulated."),
     "drives": ("drake_hand.cli.drives:app", "Scan, inspect and simulate drives."),
-    "mirror": ("drake_hand.cli.drives:mirror", "Show commanded and measured hand, live."),
+    "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),
     "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
     "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),
     "bench": ("drake_hand.cli.bench:bench", "Measure speed on this machine."),

@@ -43,10 +43,11 @@ class Refused(DriveError):
     Args:
         problems: one line each.
         wrong_input: whether one of them is a wrong file.
+        disabled: whether every drive was read back as not powered.
     """
 
-    def __init__(self, problems: list[str], *, wrong_input: bool) -> None:
-        self.problems = problems
+    def __init__(self, problems: list[str], *, wrong_input: bool, disabled: bool = False) -> None:
+        self.problems, self.disabled = problems, disabled
         self.exit_status = 2 if wrong_input else 1
         count = f"{len(problems)} problem" + "s" * (len(problems) != 1)
         super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
@@ -57,11 +58,12 @@ class Progress:
     """Where a run is."""
 
     stage: str
-    done: float | None = None
-    """Plan time played, s."""
-    total: float | None = None
-    tracking_deg: float | None = None
-    sync_late_ms: float | None = None
+    fraction: float = 0.0
+    """Of the plan's time."""
+    time_s: float = 0.0
+    """Plan time."""
+    tracking_deg: float = 0.0
+    sync_late_ms: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +139,8 @@ def execute(
             problems += schedule.far_from_start(measured)
             problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
         if problems or schedule is None:
-            raise Refused(problems, wrong_input=wrong_input)
+            disabled = measured is not None and not any(c.state.powered for c in conditions)
+            raise Refused(problems, wrong_input=wrong_input, disabled=disabled)
         progress(Progress(stage="configuring"))
         try:
             problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
@@ -145,7 +148,7 @@ def execute(
                 f"node {e.node}: EMCY {emcy_words(e.code)} while being configured" for e in master.emergencies if e.code
             ]
             if problems:
-                raise Refused(problems, wrong_input=False)
+                raise Refused(problems, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             run = _play(master, plan, schedule, str(bus.channel_info), progress)
         finally:
             release(master, drives.drives)
@@ -228,10 +231,13 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
         try:
             while not player.done.wait(PROGRESS_S):
                 when, tracking, late = player.log.latest()
-                done = max(when, 0.0)
                 progress(
                     Progress(
-                        stage=player.stage, done=done, total=plan.duration, tracking_deg=tracking, sync_late_ms=late
+                        stage=player.stage,
+                        fraction=min(max(when, 0.0) / plan.duration, 1.0),
+                        time_s=max(when, 0.0),
+                        tracking_deg=tracking,
+                        sync_late_ms=late,
                     )
                 )
         except BaseException as e:

@@ -7,11 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_hand.epos.axis import AxisState
+from drake_hand.epos.drives import Drives
 from drake_hand.epos.record import NO_QUEUE, RunHeader, RunRecord
 from drake_hand.epos.schedule import Schedule
 
 TAIL_S = 2.5
 """Room after the schedule, for settling or stopping."""
+
+
+def joints_where_known(drives: Drives, counts: np.ndarray) -> np.ndarray:
+    """Joint positions (..., n) [rad] of motor positions (..., n) [counts] of which some are NaN.
+
+    A drive that is not known makes only those joints NaN that it moves.
+    """
+    unknown = np.isnan(counts)
+    moves = np.abs(np.linalg.inv(drives.coupling)) > 1e-12
+    q = drives.joints_from_counts(np.where(unknown, 0.0, counts))
+    return np.where(unknown.astype(float) @ moves.T > 0, np.nan, q)
 
 
 class Logbook:
@@ -55,9 +67,10 @@ class Logbook:
         if not (i := self.rows):
             return 0.0, 0.0, 0.0
         step = self._step[i - 1]
-        measured = self._schedule.drives.joints_from_counts(self._position[i - 1])
+        measured = joints_where_known(self._schedule.drives, self._position[i - 1])
         error = np.rad2deg(np.abs(self._schedule.q[step] - measured))
-        return float(self._schedule.plan_time[step]), float(np.max(error)), float(self._late[i - 1])
+        worst = float(np.nanmax(error, initial=0.0))
+        return float(self._schedule.plan_time[step]), worst, float(self._late[i - 1])
 
     def record(self, header: RunHeader) -> RunRecord:
         """The rows as a record, in joint space."""
@@ -69,7 +82,7 @@ class Logbook:
             step=self._step[:k],
             playing=self._playing[:k],
             commanded=self._schedule.q[self._step[:k]],
-            measured=drives.joints_from_counts(self._position[:k]),
+            measured=joints_where_known(drives, self._position[:k]),
             status=self._status[:k],
             queued=self._queued[:k],
         )

@@ -31,7 +31,7 @@ NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0x01, 0x80
 """NMT commands."""
 HEARTBEAT_OPERATIONAL = 0x05
 SDO_TIMEOUT_S, SDO_TRIES = 0.3, 2
-_SCAN_S, _SCAN_BURST = 0.6, 8
+_SCAN_S, _QUIET_S, _SCAN_BURST = 1.0, 0.3, 8
 _DRAIN = 256
 """Frames read before a SYNC at most, so that a flooded bus does not hold it up."""
 
@@ -187,7 +187,7 @@ class Master:
         return self._clients[node]
 
     def scan(self) -> list[int]:
-        """Node ids that answer a read of their device type, within a second."""
+        """Node ids that answer a read of their device type: until nobody new has for a while, a second at most."""
         request = b"\x40" + DEVICE_TYPE.index.to_bytes(2, "little") + bytes(5)
         self.network.scanner.reset()
         for node in range(1, MASTER_NODE):
@@ -199,7 +199,12 @@ class Master:
                 ) from e
             if node % _SCAN_BURST == 0:
                 time.sleep(2e-3)
-        time.sleep(_SCAN_S)
+        found, end = 0, time.monotonic() + _SCAN_S
+        until = time.monotonic() + _QUIET_S
+        while (now := time.monotonic()) < min(until, end):
+            if len(self.network.scanner.nodes) > found:
+                found, until = len(self.network.scanner.nodes), now + _QUIET_S
+            time.sleep(0.01)
         return sorted(n for n in self.network.scanner.nodes if n < MASTER_NODE)
 
     # The bus thread

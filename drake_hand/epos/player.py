@@ -285,7 +285,7 @@ class Player:
         self.stage = "stopping"
         for _ in self._syncs(STOP_S):
             yield
-            busy = [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
+            busy = self._powered()
             if all(self.axes[i].state is State.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
                 break
             self._command_at_once(
@@ -293,16 +293,20 @@ class Player:
             )
         yield from self._disable()
 
+    def _powered(self) -> list[int]:
+        """Drives that answer and say that they are powered."""
+        return [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
+
     def _disable(self) -> Iterator[None]:
         """Power off, at rest."""
         self.stage = "disabling"
-        self._command_at_once(Control.DISABLE_VOLTAGE, range(len(self.axes)))
-        for _ in self._syncs(DISABLE_S):
-            yield
-            powered = [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
-            if not powered:
-                break
+        powered = list(range(len(self.axes)))
+        for _ in self._syncs(DISABLE_S / 2):
             self._command_at_once(Control.DISABLE_VOLTAGE, powered)
+            yield  # the answers to the SYNC before came from before this command
+            yield
+            if not (powered := self._powered()):
+                break
         self.stage = "disabled"
         self.done.set()
         while True:
