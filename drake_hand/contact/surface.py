@@ -50,7 +50,7 @@ class Surface:
         )
 
     def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points spread evenly over the surface, edges left out.
+        """Points spread evenly over the surface; edges, and the ends of cylinders and capsules, are left out.
 
         Args:
             spacing: about how far apart, m.
