@@ -115,10 +115,12 @@ class Urdf:
         for link in root.findall("link"):  # shapes are not its business, and it refuses Drake's
             for shape in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(shape)
+        source = io.BytesIO(ET.tostring(root))
         try:
-            robot = yourdfpy.URDF.load(
-                io.BytesIO(ET.tostring(root)), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
-            ).robot
+            with np.errstate(all="ignore"):  # numbers that are not finite are named below
+                loaded = yourdfpy.URDF.load(
+                    source, build_scene_graph=False, load_meshes=False, load_collision_meshes=False
+                )
         except Exception as e:  # yourdfpy raises whatever its XML and number parsing raise
             raise InputError(
                 "cannot read URDF",
@@ -126,6 +128,7 @@ class Urdf:
                 found=" ".join(str(e).split()) or type(e).__name__,
                 expected="a URDF",
             ) from e
+        robot = loaded.robot
         links = tuple(link.name for link in robot.links)
         joints: dict[str, Joint] = {}
         for j in robot.joints:
@@ -150,6 +153,7 @@ class Urdf:
             limit = j.limit
             numbers = {"origin": j.origin, "axis": j.axis}
             numbers |= {k: getattr(limit, k) for k in ("lower", "upper", "velocity", "effort")} if limit else {}
+            numbers |= {k: getattr(j.mimic, k) for k in ("multiplier", "offset")} if j.mimic else {}
             for what, value in numbers.items():
                 if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=float))):
                     raise InputError(
