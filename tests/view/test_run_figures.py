@@ -16,7 +16,7 @@ def record() -> RunRecord:
     fault = Fault(kind="emcy", text="joint b: following error", time_s=0.4, sync=40, joint="b")
     header = RunHeader(
         version="0", started="", plan_hash="", hand="h", joints=joints, nodes=[1, 2, 3, 4], types=["epos4"] * 4,
-        sync_ms=10, lead=0, interface="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
+        sync_ms=10, lead=0, bus="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
     )  # fmt: skip
     return RunRecord(
         header=header,

@@ -6,6 +6,7 @@ import pytest
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
 from drake_hand.motion.plan import Contact, Part, Plan
 from drake_hand.planning.task import Task
 
@@ -69,13 +70,15 @@ def sample_plan(hand: Hand) -> Plan:
         "motion": [{"grasp": {"fingers": list(FINGERS)}}],
         "physics": {"gravity": [-9.81, 0, 0]},
     }
+    object_ = Object.load("pencil_r8")
     return Plan(
         task=msgspec.convert(task, Task),
         hand=hand.name,
         urdf_sha256=hand.urdf_sha256,
         fingers=[f.name for f in hand.fingers],
         joints=list(hand.joints),
-        object_mass_kg=0.008,
+        object_sha256=object_.sha256,
+        object_mass_kg=object_.mass,
         parts=parts,
         seed=0,
         versions={},

@@ -1,0 +1,119 @@
+"""Commands about plans: what they print, write and answer."""
+
+import json
+import re
+
+import msgspec
+import pytest
+
+from drake_hand import api, cli
+from drake_hand.motion.plan import Plan
+
+
+@pytest.fixture
+def plan_file(sample_plan, tmp_path):
+    file = tmp_path / "sample.plan.json"
+    sample_plan.save(file)
+    return file
+
+
+@pytest.fixture
+def certified(sample_plan):
+    """The sample with the certificate it would get if it were right."""
+    found = api.check(sample_plan)
+    return msgspec.structs.replace(sample_plan, certificate=msgspec.structs.replace(found, certified=True))
+
+
+def test_check_names_what_fails_and_where(plan_file, capsys):
+    assert cli.run(["check", str(plan_file)]) == 1
+    out = capsys.readouterr().out
+    assert "NOT certified" in out
+    assert re.search(r"fails: .*mm|fails: ", out)
+
+    assert cli.run(["check", str(plan_file), "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["certified"] is False
+    assert answer["samples"] > 100
+    assert {"value", "limit", "ok", "time_s", "part", "where"} <= set(answer["worst"]["contact_mm"])
+    assert answer["failures"]
+
+
+def test_check_refuses_a_plan_changed_after_its_certificate(certified, tmp_path, capsys):
+    file = tmp_path / "tampered.plan.json"
+    msgspec.structs.replace(certified, seed=99).save(file)
+    assert cli.run(["check", str(file)]) == 2
+    err = capsys.readouterr().err
+    for word in ("changed after it was certified", str(file), "certificate.plan_hash", "found:", "expected:"):
+        assert word in err
+    assert cli.run(["check", str(file), "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["certified"] is False
+    assert "changed" in answer["reason"]
+
+
+def test_check_refuses_a_plan_for_another_hand(sample_plan, tmp_path, capsys):
+    file = tmp_path / "other.plan.json"
+    msgspec.structs.replace(sample_plan, urdf_sha256="0" * 64).save(file)
+    assert cli.run(["check", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert "urdf_sha256" in err
+    assert str(file) in err
+
+
+def test_check_refuses_what_is_no_plan(tmp_path, capsys):
+    file = tmp_path / "broken.plan.json"
+    file.write_text('{"schema": 2}')
+    assert cli.run(["check", str(file)]) == 2
+    assert str(file) in capsys.readouterr().err
+
+
+def test_show_writes_a_page(plan_file, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    assert cli.run(["show", str(plan_file), "--html", str(page)]) == 0
+    assert "dh-data" in page.read_text()
+    assert str(page) in capsys.readouterr().out
+
+
+def test_plot_writes_figures(plan_file, tmp_path, capsys):
+    assert cli.run(["plot", str(plan_file), "-o", str(tmp_path / "figures")]) == 0
+    assert (tmp_path / "figures" / "modes.png").stat().st_size > 1000
+
+
+def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, capsys):
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
+    monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
+    monkeypatch.setattr(api, "solve", lambda task, **_: result)
+    file, page = tmp_path / "a.plan.json", tmp_path / "a.html"
+    assert cli.run(["plan", "sample", "-o", str(file), "--html", str(page)]) == 0
+    out = capsys.readouterr().out
+    assert "00111" in out
+    assert "1 regrasps" in out
+    assert Plan.load(file) == certified
+    assert page.exists()
+
+    def interrupted(plan):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(api, "show", interrupted)
+    other = tmp_path / "b.plan.json"
+    assert cli.run(["plan", "sample", "-o", str(other), "--html", str(tmp_path / "b.html")]) == 130
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["a.html", "a.plan.json"]
+
+
+def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
+    monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
+    monkeypatch.setattr(api, "solve", lambda task, **_: result)
+    assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "certified"
+    assert answer["modes"] == certified.modes
+    assert (answer["regrasps"], answer["plan_s"], answer["stages_s"]) == (1, 0.5, {"search": 0.4})
+
+
+def test_time_limit_must_be_positive(tmp_path, capsys):
+    task = tmp_path / "t.task.yaml"
+    task.write_text("{hand: kanguera, object: pencil, start: {xyz_mm: [60, 0, 165]}, motion: [{grasp: {}}]}")
+    assert cli.run(["plan", str(task), "--time-limit", "-1", "-o", str(tmp_path / "t.json")]) == 2
+    assert "time_limit_s" in capsys.readouterr().err
+    assert not (tmp_path / "t.json").exists()
