@@ -11,7 +11,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import CLEARANCE, Hold
-from drake_hand.planning.transit import LIFTS, STEP, Surroundings, lift, travel
+from drake_hand.planning.transit import LIFTS, STEP, Surroundings, lift, straight, travel
 
 
 def park(clearance: Clearance, path: ObjectPath, parked: list[int]) -> np.ndarray:
@@ -34,10 +34,7 @@ def park(clearance: Clearance, path: ObjectPath, parked: list[int]) -> np.ndarra
     placed: list[tuple[int, np.ndarray]] = []
     for i, finger in enumerate(hand.fingers):
         kin, home = clearance.kinematics[i], hand.q_home[finger.columns]
-        grid = np.stack(
-            np.meshgrid(*[np.linspace(lo, hi, 7) for lo, hi in zip(kin.lower, kin.upper, strict=True)], indexing="ij"),
-            -1,
-        ).reshape(-1, len(home))
+        grid = clearance.grid(i)[0]
         order = np.argsort(np.abs(grid - home).max(axis=1), kind="stable")
         for batch in (home[None], grid[order]):
             least = clearance.to_palm(i, batch)
@@ -121,19 +118,24 @@ def _ways(
     ways = {i: a + u * (goals[i] - a) for i, a in at_once.items()}
     if _all_clear(hand, clearance, q, ways, X_WO):
         return [ways]
-    for order in itertools.islice(itertools.permutations(goals), 24):
-        now, legs = q.copy(), []
-        for i in order:
-            columns = hand.fingers[i].columns
-            around = Surroundings.of(clearance, now, X_WO, i)
-            pieces = travel(around, i, now[columns], goals[i])
-            if pieces is None:
-                break
-            legs += [{i: piece} for piece in pieces]
-            now[columns] = goals[i]
-        else:
-            return legs
+    for find, most in ((straight, 24), (travel, 3)):
+        for order in itertools.islice(itertools.permutations(goals), most):
+            legs = _in_turn(hand, clearance, q, goals, X_WO, order, find)
+            if legs is not None:
+                return legs
     return None
+
+
+def _in_turn(hand, clearance: Clearance, q: np.ndarray, goals, X_WO: np.ndarray, order, find):
+    now, legs = q.copy(), []
+    for i in order:
+        columns = hand.fingers[i].columns
+        pieces = find(Surroundings.of(clearance, now, X_WO, i), i, now[columns], goals[i])
+        if pieces is None:
+            return None
+        legs += [{i: piece} for piece in (pieces if isinstance(pieces, list) else [pieces])]
+        now[columns] = goals[i]
+    return legs
 
 
 def _all_clear(hand, clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray) -> bool:

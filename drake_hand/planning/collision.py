@@ -18,6 +18,10 @@ from drake_hand.model.scene import Scene
 
 _SHELL = 2.0e-3
 """Radius of the spheres that stand for the surface of boxes and meshes, m."""
+_FAR = 5.0e-3
+"""Clearances above this need not be exact, m."""
+_GRID = {1: 40, 2: 14, 3: 8}
+"""Postures per joint of the grid, by number of joints; 5 for more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +51,23 @@ class Clearance:
         self.kinematics = [FingerKinematics.of(hand, f) for f in hand.fingers]
         self._palm = Surface(tuple(g for _, g in _geometries(scene, hand.palm)))
         self._spheres = [_fill(scene, f) for f in hand.fingers]
+        self._grids: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def grid(self, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Postures (G, m) of finger i on an even grid of its joints, clear of the palm, and their sphere centres."""
+        if i not in self._grids:
+            kin = self.kinematics[i]
+            n = _GRID.get(len(kin.lower), 5)
+            ticks = [np.linspace(lo, hi, n) for lo, hi in zip(kin.lower, kin.upper, strict=True)]
+            q = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
+            q = q[self.to_palm(i, q) >= 0]
+            self._grids[i] = q, self.centres(i, q)
+        return self._grids[i]
+
+    def cell(self, i: int) -> np.ndarray:
+        """(m,) spacing of that grid, rad."""
+        kin = self.kinematics[i]
+        return (kin.upper - kin.lower) / (_GRID.get(len(kin.lower), 5) - 1)
 
     def centres(self, i: int, q: np.ndarray) -> np.ndarray:
         """(N, S, 3) sphere centres of finger i in W at q (N, m)."""
@@ -63,13 +84,15 @@ class Clearance:
             X_WO: (4, 4), or (N, 4, 4) one per row.
             tip: whether the fingertip has to be clear too.
         """
+        return self.centres_to_object(i, self.centres(i, q), X_WO, tip=tip)
+
+    def centres_to_object(self, i: int, centres: np.ndarray, X_WO: np.ndarray, *, tip: bool) -> np.ndarray:
+        """As :meth:`to_object`, from sphere centres (N, S, 3) already at hand."""
         s = self._spheres[i]
         use = np.ones(len(s.tip), dtype=bool) if tip else ~s.tip
-        p = self.centres(i, q)[:, use]
-        if X_WO.ndim == 2:
-            p_O = (p - X_WO[:3, 3]) @ X_WO[:3, :3]
-        else:
-            p_O = (p - X_WO[:, None, :3, 3]) @ X_WO[:, :3, :3]
+        p = centres[:, use]
+        X = X_WO if X_WO.ndim == 2 else X_WO[:, None]
+        p_O = (p - X[..., :3, 3]) @ X_WO[..., :3, :3]
         d = self.surface.closest(p_O.reshape(-1, 3))[2].reshape(p_O.shape[:2])
         return (d - s.radius[use]).min(axis=1)
 
@@ -89,9 +112,14 @@ class Clearance:
 
     def between_centres(self, i: int, a: np.ndarray, j: int, b: np.ndarray) -> np.ndarray:
         """As :meth:`between`, from sphere centres (N or 1, S, 3) already at hand."""
+        reach = self._spheres[i].radius[:, None] + self._spheres[j].radius
+        # Boxes around both sets that lie far apart settle most pairs; the bound is as good as the distance there.
+        gap = np.maximum(a.min(axis=(0, 1)) - b.max(axis=(0, 1)), b.min(axis=(0, 1)) - a.max(axis=(0, 1)))
+        apart = float(np.linalg.norm(np.maximum(gap, 0.0)) - reach.max())
+        if apart > _FAR:
+            return np.full(max(len(a), len(b)), apart)
         a2, b2 = (a * a).sum(-1), (b * b).sum(-1)
         d2 = a2[:, :, None] + b2[:, None, :] - 2 * a @ b.transpose(0, 2, 1)
-        reach = self._spheres[i].radius[:, None] + self._spheres[j].radius
         return (np.sqrt(np.maximum(d2, 0.0)) - reach).min(axis=(1, 2))
 
 

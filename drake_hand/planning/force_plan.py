@@ -55,17 +55,19 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     legs = with_ramps(legs)
     names = [f.name for f in hand.fingers]
     k, m = len(names), max(len(f.joints) for f in hand.fingers)
-    starts = np.cumsum([0] + [len(leg.q) for leg in legs])
-    n = int(starts[-1])
+    # A leg's first knot is the last of the leg before: one knot, one set of forces.
+    starts = np.cumsum([0] + [len(leg.q) - 1 for leg in legs])
+    n = int(starts[-1]) + 1
+    q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
+    X = np.concatenate([legs[0].X_WO[:1], *[leg.X_WO[1:] for leg in legs]])
+    load, held = _loads(legs, starts, names)
     p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
     normal[..., 2] = 1.0
-    load, held = np.zeros((n, k)), np.zeros(n, dtype=bool)
     bend = np.ones((n, k))
-    q, X = np.concatenate([leg.q for leg in legs]), np.concatenate([leg.X_WO for leg in legs])
     surface = Surface.of(object_)
     for i, finger in enumerate(hand.fingers):
         kin = FingerKinematics.of(hand, finger)
-        rows = np.concatenate([np.arange(a, a + len(leg.q)) for a, leg in zip(starts, legs, strict=False) if finger.name in leg.p_OP] or [np.zeros(0, dtype=int)])
+        rows = np.flatnonzero(load[:, i] > 0)
         if not len(rows):
             continue
         p_WC, _, J_C, Jw = kin.jacobian(q[rows][:, finger.columns])
@@ -76,10 +78,9 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
         p[rows, i] = np.einsum("nij,nj->ni", R, foot) + t
         normal[rows, i] = n_W
         J[rows, i, :, : len(finger.columns)] = J_C + finger.radius * skew(n_W) @ Jw
-        # Over the expanded surface the normal turns by 1 / (R_surface + r): its share of r tells how flat the surface is.
-        turn = np.linalg.eigvalsh(surface.curvature(p_OC))
-        bend[rows, i] = np.prod(1 / np.maximum(1 - finger.radius * np.maximum(turn[:, 1:], 0.0), 0.05), axis=1)
-    _loads(legs, starts, names, load, held)
+        # Over the expanded surface the normal turns by 1 / (R + r); r times that tells how curved the surface is.
+        turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
+        bend[rows, i] = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
     forces = balance_forces(
         p,
         -normal,
@@ -90,12 +91,12 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
         torsion_radius=holding.torsion_radius,
         J=J,
         effort=np.where(np.isfinite(holding.effort), holding.effort, 1e3),
-        preload=holding.target_preload,
+        preload=holding.TARGET_PRELOAD,
         held=held,
     )
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
-    offset = joint_offsets(hand, q, forces.f_W, -normal * depth[..., None])
+    offset = joint_offsets(hand, J, forces.f_W, -normal * depth[..., None])
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
@@ -104,23 +105,28 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     return out
 
 
-def _loads(legs: list[Leg], starts: np.ndarray, names: list[str], load: np.ndarray, held: np.ndarray) -> None:
-    """Fills each contact's share of load: full in between, ramped in the dwell after `make` and before `break`."""
+def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Each contact's share of load (n, k), and the knots (n,) at which a fixture holds the object.
+
+    Full in between, ramped from 0 in the dwell after `make` and to 0 in the one before `break`.
+    """
+    n = int(starts[-1]) + 1
+    load, held = np.ones((n, len(names))), np.zeros(n, dtype=bool)
     complete = False
     for x, leg in enumerate(legs):
-        a, b = int(starts[x]), int(starts[x + 1])
-        rise = np.linspace(0, 1, b - a)
+        rows = slice(int(starts[x]), int(starts[x + 1]) + 1)
+        rise = np.linspace(0, 1, len(leg.q))
         before = set(legs[x - 1].p_OP) if x else set()
         after = set(legs[x + 1].p_OP) if x + 1 < len(legs) else set(leg.p_OP)
-        for name in leg.p_OP:
-            share = np.ones(b - a)
-            if name not in before:
+        for i, name in enumerate(names):
+            share = np.ones(len(leg.q)) if name in leg.p_OP else np.zeros(len(leg.q))
+            if name in leg.p_OP and name not in before:
                 share = np.minimum(share, rise)
-            if name not in after:
+            if name in leg.p_OP and name not in after:
                 share = np.minimum(share, rise[::-1])
-            load[a:b, names.index(name)] = share
-        if not complete:
-            held[a:b] = True
-            complete = bool(leg.p_OP)
-        elif not after:
-            held[a:b] = True
+            load[rows, i] = np.minimum(load[rows, i], share)
+        if not complete or not leg.p_OP or not after:
+            held[rows] = True
+            if leg.p_OP and not complete:
+                complete, held[rows.stop - 1] = True, False
+    return load, held

@@ -14,17 +14,23 @@ from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning import approach, grasp
+from drake_hand.planning import approach, gait, grasp
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.holding import Holding, Kinematic
-from drake_hand.planning.legs import LegBuilder, gait
+from drake_hand.planning.force_plan import add_forces
+from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.legs import gait as gait_legs
 from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.search import Node, Progress, Search
 from drake_hand.planning.task import Pose, Step, Task
 
-GRASPS = 6
+PRELOAD = 0.1
+"""Normal force every contact must be able to bear beside balancing the object, N."""
+ENOUGH = 0.3
+"""Margin over that with which a gait's longer stroke counts for more, N."""
+GRASPS = 4
 """Grasps that can be approached, handed to one search."""
 TOUCH = 1e-4
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
@@ -80,8 +86,13 @@ class Planner:
             )
             self._phase(builder, steps[i] if kind == "grasp" else None, build(builder.X_WO, moving[:count]))
             i += count + (kind == "grasp")
+        legs = builder.legs
+        holding = self._holding()
+        if isinstance(holding, Equilibrium):
+            with self.stage("forces"):
+                legs = add_forces(legs, self.hand, self.object, holding)
         return Path(
-            legs=tuple(builder.legs),
+            legs=tuple(legs),
             hand=self.hand,
             object=self.object,
             task=self.task,
@@ -111,11 +122,6 @@ class Planner:
                         i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > min(USABLE, path.ticks)
                     ]
         holding = self._holding()
-        with self.stage("grasp"):
-            if step is None:
-                roots = [self._continued(builder, table, fingers)]
-            else:
-                roots = self._grasps(builder, table, fingers, holding)
         search = Search(
             reach=table,
             holding=holding,
@@ -125,19 +131,51 @@ class Planner:
             progress=self.progress,
         )
         try:
-            with self.stage("search"):
-                nodes, regrasps = search.run(roots)
+            nodes = self._gait(builder, search, fingers, path) if step is not None else None
+            if nodes is None:
+                with self.stage("grasp"):
+                    if step is None:
+                        roots = [self._continued(builder, table, fingers)]
+                    else:
+                        roots = self._grasps(builder, table, fingers, holding)
+                with self.stage("search"):
+                    nodes = search.run(roots)[0]
         finally:
             self.expansions += search.expansions
-        self.regrasps += regrasps
+        self.regrasps += len(nodes) - 1
         with self.stage("legs"):
             if step is not None:
                 closed = approach.close(builder, self.clearance, list(nodes[0].holds))
                 assert closed, "grasps handed to the search can be approached"
-            gait(builder, search, nodes)
+                builder.dwell()
+            gait_legs(builder, search, nodes)
+
+    def _gait(self, builder: LegBuilder, search: Search, fingers: list[int], path: ObjectPath) -> list[Node] | None:
+        """A periodic gait, where the path turns a symmetric object far enough for one."""
+        if not search.reach.symmetric or path.ticks <= max(gait.STROKES):
+            return None
+        with self.stage("gait"):
+            rng = np.random.default_rng(self.task.options.seed)
+            found = gait.find(search.reach, fingers, search.holding, self._allowed, rng, enough=ENOUGH)
+            for candidate in found:
+                scratch = LegBuilder(self.hand, builder.q, builder.X_WO)
+                if approach.close(scratch, self.clearance, list(candidate.holds)):
+                    nodes = search.periodic(candidate, path.ticks)
+                    if nodes is not None:
+                        return nodes
+        return None
 
     def _holding(self) -> Holding:
-        return Kinematic(self.task.options.min_contacts)
+        if self.task.options.hold == "kinematic":
+            return Kinematic(self.task.options.min_contacts)
+        physics = self.task.physics
+        return Equilibrium(
+            self.hand,
+            gravity=np.asarray(physics.gravity),
+            mass=physics.object_mass_kg or self.object.mass,
+            friction=physics.friction,
+            preload=PRELOAD,
+        )
 
     def _allowed(self, touching: frozenset[int]) -> bool:
         modes = self.task.options.modes

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.planning.gait import Gait
 from drake_hand.planning.grasp import lifts
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
-from drake_hand.planning.transit import LIFTS, Surroundings, lift, travel
+from drake_hand.planning.transit import LIFTS, Surroundings, detour, lift, straight
 
 WEIGHT = 1.5
 """Of the heuristic: above 1 goes for the end sooner at the price of at most that many times the regrasps."""
@@ -111,7 +112,9 @@ class Search:
             node = Node(tick=0, holds=tuple(holds))
             heapq.heappush(heap, (WEIGHT * self._to_go(node.holds, goal), 0, next(tie), node))
         closed: set[tuple] = set()
-        farthest: tuple[int, Node, Limits] | None = None
+        first = Node(tick=0, holds=tuple(roots[0]))
+        nowhere = np.zeros((len(fingers), 0), dtype=bool)
+        farthest = (-1, first, Limits(last=-1, liftable=nowhere, why="search barely begun"))
         while heap:
             f, _, _, node = heapq.heappop(heap)
             key = (node.tick, *((h.table, h.birth) for h in node.holds))
@@ -127,12 +130,12 @@ class Search:
                 node = replace(node, ways=ways)
             limits = self._limits(node, goal)
             self.expansions += 1
-            if farthest is None or limits.last > farthest[0]:
+            if limits.last > farthest[0]:
                 farthest = (limits.last, node, limits)
             self.progress(
                 Progress(
                     stage="search",
-                    fraction=farthest[0] / max(goal, 1),
+                    fraction=max(farthest[0], 0) / max(goal, 1),
                     expansions=self.expansions,
                     best_bound=f / WEIGHT,
                     elapsed_s=time.monotonic() - started,
@@ -290,14 +293,20 @@ class Search:
         around = Surroundings.of(self.reach.clearance, q, self.reach.path.X_WO[t], old.finger)
         qa, _, na = old.at(t)
         qb, _, nb = new.at(t)
+        ends = []
         for height in LIFTS:
             up = lift(around, old.finger, qa, na, height)
             down = lift(around, old.finger, qb, nb, height)
             if up is None or down is None:
                 continue
-            between = travel(around, old.finger, up[-1], down[-1])
+            between = straight(around, old.finger, up[-1], down[-1])
             if between is not None:
-                return (up, *between, down[::-1])
+                return (up, between, down[::-1])
+            ends.append((up, down))
+        for up, down in ends[:1]:
+            pieces = detour(around, old.finger, up[-1], down[-1])
+            if pieces is not None:
+                return (up, *pieces, down[::-1])
         return None
 
     def posture(self, holds: tuple[Hold, ...], tick: int) -> np.ndarray:
@@ -306,6 +315,29 @@ class Search:
         for h in holds:
             q[self.reach.clearance.hand.fingers[h.finger].columns] = h.at(tick)[0]
         return q
+
+    def periodic(self, gait: Gait, goal: int) -> list[Node] | None:
+        """The nodes of a periodic gait up to the goal, if its advance and its transits are clear and hold throughout.
+
+        Args:
+            gait: of a symmetric object.
+            goal: last tick.
+        """
+        node = Node(tick=0, holds=gait.holds)
+        if self._limits(node, goal).last < min(gait.stroke, goal):
+            return None
+        if gait.stroke >= goal:
+            return [node]
+        for slot in gait.order:
+            holds = list(node.holds)
+            holds[slot] = replace(holds[slot], birth=gait.stroke)
+            child = Node(tick=gait.stroke, holds=tuple(holds), g=node.g + 1, parent=node, slot=slot)
+            ways = self._transit(child)
+            if ways is None or self._limits(child, goal).last < gait.stroke:
+                return None
+            node = replace(child, ways=ways)
+            self.expansions += 1
+        return self._repeat(node, goal)
 
     def _repeat(self, node: Node, goal: int) -> list[Node] | None:
         """If this configuration occurred before, the periodic gait from there on, up to the goal."""
@@ -330,8 +362,7 @@ class Search:
     def _name(self, hold: Hold) -> str:
         return self.reach.clearance.hand.fingers[hold.finger].name
 
-    def _failure(self, status: str, what: str, farthest: tuple[int, Node, Limits] | None) -> NoPlanFound:
-        assert farthest is not None
+    def _failure(self, status: str, what: str, farthest: tuple[int, Node, Limits]) -> NoPlanFound:
         last, node, limits = farthest
         hand, path = self.reach.clearance.hand, self.reach.path
         tick = min(max(last, 0), path.ticks)

@@ -40,11 +40,13 @@ class Surroundings:
 
     def clear(self, i: int, q: np.ndarray, *, tip: bool) -> np.ndarray:
         """(N,) least clearance of finger i at q (N, m) from everything, the tip's from the object only if `tip`."""
-        c = self.clearance
-        least = np.minimum(c.to_object(i, q, self.X_WO, tip=tip), c.to_palm(i, q))
-        centres = c.centres(i, q)
+        return np.minimum(self.clear_centres(i, self.clearance.centres(i, q), tip=tip), self.clearance.to_palm(i, q))
+
+    def clear_centres(self, i: int, centres: np.ndarray, *, tip: bool) -> np.ndarray:
+        """As :meth:`clear`, from sphere centres (N, S, 3), the palm left out."""
+        least = self.clearance.centres_to_object(i, centres, self.X_WO, tip=tip)
         for j, other in self.others:
-            least = np.minimum(least, c.between_centres(i, centres, j, other))
+            least = np.minimum(least, self.clearance.between_centres(i, centres, j, other))
         return least
 
 
@@ -52,13 +54,11 @@ def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float)
     """Way of finger i from its contact at q (m,) straight up the normal: (KNOTS, m), or None where it is blocked."""
     kin = s.clearance.kinematics[i]
     p, _ = kin.fk(q[None])
-    path = [q]
-    for h in np.linspace(0, height, KNOTS)[1:]:
-        x, residual = kin.ik(p + h * n_W, path[-1][None])
-        if residual[0] > 2e-5:
-            return None
-        path.append(x[0])
-    way = np.stack(path)
+    heights = np.linspace(0, height, KNOTS)[1:, None]
+    rest, residual = kin.ik(p + heights * n_W, np.repeat(q[None], KNOTS - 1, axis=0))
+    if (residual > 2e-5).any():
+        return None
+    way = np.vstack([q, rest])
     if (s.clear(i, way, tip=False) < CLEARANCE / 2).any() or (s.clear(i, way[-1:], tip=True) < CLEARANCE).any():
         return None
     return way
@@ -73,7 +73,13 @@ def straight(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarra
 
 
 def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
-    """Way of a free finger from a to b (m,): straight where that is clear, else over a roadmap.
+    """Way of a free finger from a to b (m,): straight where that is clear, else by :func:`detour`."""
+    direct = straight(s, i, a, b)
+    return [direct] if direct is not None else detour(s, i, a, b)
+
+
+def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
+    """Way of a free finger from a to b (m,) over a roadmap.
 
     The roadmap is a grid of clear postures; its edges are checked only when a shortest path uses them
     (lazy PRM; Bohlin & Kavraki 2000).
@@ -81,9 +87,6 @@ def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
     Returns:
         Straight pieces, each (n, m); None where no way was found.
     """
-    direct = straight(s, i, a, b)
-    if direct is not None:
-        return [direct]
     nodes, graph = _roadmap(s, i, a, b)
     pieces: dict[tuple[int, int], np.ndarray] = {}
     for _ in range(_ATTEMPTS):
@@ -111,18 +114,13 @@ def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
 
 
 _ATTEMPTS = 60
-_GRID = {1: 40, 2: 14, 3: 8}
 
 
 def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
     """Nodes (row 0 is a, row 1 is b) and their distances: grid neighbours, and both ends to what is near."""
-    kin = s.clearance.kinematics[i]
-    n = _GRID.get(len(a), 5)
-    grid = [np.linspace(lo, hi, n) for lo, hi in zip(kin.lower, kin.upper, strict=True)]
-    q = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, len(a))
-    q = q[s.clear(i, q, tip=True) >= CLEARANCE]
-    nodes = np.vstack([a, b, q])
-    cell = (kin.upper - kin.lower) / (n - 1)
+    q, centres = s.clearance.grid(i)
+    nodes = np.vstack([a, b, q[s.clear_centres(i, centres, tip=True) >= CLEARANCE]])
+    cell = s.clearance.cell(i)
     tree = cKDTree(nodes / cell)
     pairs = tree.query_pairs(1.8, output_type="ndarray")
     ends = tree.query(nodes[:2] / cell, k=min(12, len(nodes)))[1]
