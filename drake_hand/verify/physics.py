@@ -1,0 +1,320 @@
+"""`Physics`: the hand with servos and compliant fingertips and the free object, as a discrete Drake simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+import numpy as np
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    CalcVolume,
+    Capsule,
+    Cylinder,
+    GeometryId,
+    ProximityProperties,
+    RoleAssign,
+    SceneGraph,
+    Shape,
+    Sphere,
+    TriangleSurfaceMesh,
+    VolumeMesh,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactModel,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import JointActuator, ModelInstanceIndex, PdControllerGains, RigidBody
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.spatial.transform import Rotation
+
+from drake_hand.model.hand import Hand, PadSpec
+from drake_hand.model.object import Object
+from drake_hand.model.plant import add_hand_and_object
+
+ContactKind = Literal["hydroelastic", "point"]
+
+STEP = 1.0e-3
+"""Time step, s."""
+_PAD_MESH = 3.0e-3
+"""Edge length of a fingertip's hydroelastic mesh, m."""
+_SIDES = 48
+"""Of the polyhedron that stands for a round object."""
+_HARD = 1.0e7
+"""Point-contact stiffness of the object, N/m: the pads alone yield."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perturbation:
+    """What is not as planned in a run."""
+
+    friction: float = 1.0
+    """Factor."""
+    mass: float = 1.0
+    """Factor on the object's mass."""
+    stiffness: float = 1.0
+    """Factor on servo and pad stiffness."""
+    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of the object's start position, in W."""
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector of the object's start orientation, in W."""
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Perturbation:
+        """Friction, mass and stiffness within 20 %, the start 1 mm and 2 deg off in random directions."""
+
+        def direction(size: float) -> tuple[float, float, float]:
+            a = rng.normal(size=3)
+            x, y, z = size * a / np.linalg.norm(a)
+            return float(x), float(y), float(z)
+
+        friction, mass, stiffness = (float(x) for x in rng.uniform(0.8, 1.2, 3))
+        return cls(friction=friction, mass=mass, stiffness=stiffness, shift_mm=direction(1.0), turn_deg=direction(2.0))
+
+    def start(self, X_WO: np.ndarray) -> np.ndarray:
+        """The (4, 4) start pose in place of the planned one."""
+        X = X_WO.copy()
+        X[:3, :3] = Rotation.from_rotvec(self.turn_deg, degrees=True).as_matrix() @ X_WO[:3, :3]
+        X[:3, 3] += np.array(self.shift_mm) * 1e-3
+        return X
+
+
+@dataclass(frozen=True, kw_only=True)
+class Touch:
+    """What the fingertips do to the object at an instant. Fingers in the hand's order."""
+
+    f_W: np.ndarray
+    """(fingers, 3) force on the object, N; zero where a tip does not touch."""
+    p_W: np.ndarray
+    """(fingers, 3) point where it acts, m; NaN where a tip does not touch."""
+    slip_W: np.ndarray
+    """(fingers, 3) velocity of the tip's surface over the object's, m/s; zero where a tip does not touch."""
+    strays: tuple[str, ...]
+    """Links other than fingertips that touch the object."""
+
+
+class Physics:
+    """One simulation: SAP contact, joint servos as in the hand file, the object free once :meth:`let_go` is called.
+
+    The object is held before that by locking its floating joint, the only fixture there is.
+
+    Hydroelastic fingertips are compliant, the object rigid. Drake inscribes a polyhedron in each round shape, 0.1 mm
+    too small for these; shapes are enlarged so that the polyhedron has the true volume.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        object_: Object,
+        commands: PiecewisePolynomial,
+        X_WO: np.ndarray,
+        *,
+        gravity: np.ndarray,
+        friction: float,
+        perturbation: Perturbation | None = None,
+        contact: ContactKind = "hydroelastic",
+    ) -> None:
+        """Builds the simulation, the object held at its start pose.
+
+        Args:
+            hand: with servo gains, efforts and pad.
+            object_: of the mass planned with.
+            commands: (nq,) commanded joints over time; the simulation starts where they start.
+            X_WO: (4, 4) start pose.
+            gravity: (3,) in W, m/s^2.
+            friction: between tip and object.
+            perturbation: what differs from all this.
+            contact: how tips yield.
+        """
+        change = perturbation or Perturbation()
+        self.hand = hand
+        pad = _stiffer(hand.pad, change.stiffness)
+        material = CoulombFriction(friction * change.friction, friction * change.friction)
+        builder = DiagramBuilder()
+        self.plant: MultibodyPlant
+        self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, STEP)
+        plant = self.plant
+        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+        plant.set_contact_model(
+            ContactModel.kHydroelasticWithFallback if contact == "hydroelastic" else ContactModel.kPoint
+        )
+        tip, body = ProximityProperties(), ProximityProperties()
+        AddContactMaterial(pad.dissipation_s_m, pad.point_stiffness_n_m, material, tip)
+        AddContactMaterial(0.0, _HARD, material, body)
+        tip.AddProperty("material", "relaxation_time", pad.relaxation_time_s)
+        body.AddProperty("material", "relaxation_time", 0.0)
+        if contact == "hydroelastic":
+            AddCompliantHydroelasticProperties(_PAD_MESH, pad.hydroelastic_modulus_pa, tip)
+            AddRigidHydroelasticProperties(_edge(object_), body)
+        object_ = object_.with_mass(object_.mass * change.mass)
+        added = add_hand_and_object(
+            plant, scene_graph, hand, object_, tip_properties=lambda _: tip, object_properties=body
+        )
+        self._object = plant.GetBodyByName(object_.link, added.object)
+        self._tips = [plant.GetBodyByName(f.tip_link, added.hand) for f in hand.fingers]
+        for j, name in enumerate(hand.joints):
+            gains = PdControllerGains(p=hand.stiffness[j] * change.stiffness, d=hand.damping[j])
+            _actuator(plant, name).set_controller_gains(gains)
+        plant.mutable_gravity_field().set_gravity_vector(np.asarray(gravity, dtype=float))
+        _same_friction(plant, scene_graph, added.hand, material)
+        plant.Finalize()
+        if contact == "hydroelastic":
+            for shaped in (*self._tips, self._object):
+                for g in plant.GetCollisionGeometriesForBody(shaped):
+                    _true_volume(plant, scene_graph, g)
+        self._finger = {
+            g: i for i, tip_body in enumerate(self._tips) for g in plant.GetCollisionGeometriesForBody(tip_body)
+        }
+        self._surface = set(plant.GetCollisionGeometriesForBody(self._object))
+        source = builder.AddSystem(TrajectorySource(commands, 1))
+        builder.Connect(source.get_output_port(), plant.get_desired_state_input_port(added.hand))
+        diagram = builder.Build()
+        self._inspector = scene_graph.model_inspector()
+        self._simulator = Simulator(diagram)
+        root = self._simulator.get_mutable_context()
+        root.SetTime(commands.start_time())
+        self._context = plant.GetMyMutableContextFromRoot(root)
+        self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
+        self._set_hand(commands.value(commands.start_time())[:, 0])
+        plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
+        (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
+        self._fixture.Lock(self._context)
+
+    def let_go(self) -> None:
+        """Takes the fixture away, for good."""
+        self._fixture.Unlock(self._context)
+
+    def advance(self, t: float) -> None:
+        """Simulates up to time t, s."""
+        self._simulator.AdvanceTo(t)
+
+    @property
+    def q(self) -> np.ndarray:
+        """(nq,) joints now, rad."""
+        return self.plant.GetPositions(self._context)[self._columns]
+
+    @property
+    def X_WO(self) -> np.ndarray:
+        """(4, 4) object pose now."""
+        return self.plant.EvalBodyPoseInWorld(self._context, self._object).GetAsMatrix4()
+
+    def touch(self) -> Touch:
+        """Contacts now."""
+        n = len(self._tips)
+        f, moment, strays = np.zeros((n, 3)), np.zeros((n, 3)), set()
+        for bodies, point, force in self._contacts():
+            fingers = [self._finger[g] for g in bodies if g in self._finger]
+            if not fingers:
+                strays |= {self._name(g) for g in bodies if g not in self._surface}
+                continue
+            f[fingers[0]] += force
+            moment[fingers[0]] += point * np.linalg.norm(force)
+        size = np.linalg.norm(f, axis=1)
+        on = size > 1e-6
+        p = np.full((n, 3), np.nan)
+        p[on] = moment[on] / size[on, None]
+        slip = np.zeros((n, 3))
+        for i in np.flatnonzero(on):
+            slip[i] = self._velocity(self._tips[i], p[i]) - self._velocity(self._object, p[i])
+        return Touch(f_W=f, p_W=p, slip_W=slip, strays=tuple(sorted(strays)))
+
+    def _contacts(self) -> list[tuple[tuple[GeometryId, GeometryId], np.ndarray, np.ndarray]]:
+        """Contacts of the object: the two geometries, the point, the force on the object."""
+        results = self.plant.get_contact_results_output_port().Eval(self._context)
+        out = []
+        for i in range(results.num_hydroelastic_contacts()):
+            info = results.hydroelastic_contact_info(i)
+            surface = info.contact_surface()
+            pair = (surface.id_M(), surface.id_N())
+            force = info.F_Ac_W().translational()
+            if pair[0] in self._surface or pair[1] in self._surface:
+                out.append((pair, surface.centroid(), force if pair[0] in self._surface else -force))
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            pair = (info.point_pair().id_A, info.point_pair().id_B)
+            force = info.contact_force()
+            if pair[0] in self._surface or pair[1] in self._surface:
+                out.append((pair, info.contact_point(), force if pair[1] in self._surface else -force))
+        return out
+
+    def _velocity(self, body: RigidBody, p_W: np.ndarray) -> np.ndarray:
+        V = self.plant.EvalBodySpatialVelocityInWorld(self._context, body)
+        origin = self.plant.EvalBodyPoseInWorld(self._context, body).translation()
+        return V.translational() + np.cross(V.rotational(), p_W - origin)
+
+    def _name(self, geometry: GeometryId) -> str:
+        return self.plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry)).name()
+
+    def _set_hand(self, q: np.ndarray) -> None:
+        positions = self.plant.GetPositions(self._context)
+        for finger in self.hand.fingers:
+            for axis in finger.axes:
+                start = self.plant.GetJointByName(axis.joint).position_start()
+                positions[start] = axis.multiplier * q[finger.columns[axis.source]] + axis.offset
+        self.plant.SetPositions(self._context, positions)
+
+
+def _edge(object_: Object) -> float:
+    """Edge length of the object's hydroelastic mesh, m."""
+    radii = [g.size[0] for g in object_.geometries if g.kind in ("sphere", "cylinder", "capsule")]
+    return 2 * np.pi * min(radii, default=0.01) / _SIDES
+
+
+def _stiffer(pad: PadSpec, stiffness: float) -> PadSpec:
+    return msgspec.structs.replace(
+        pad,
+        hydroelastic_modulus_pa=pad.hydroelastic_modulus_pa * stiffness,
+        point_stiffness_n_m=pad.point_stiffness_n_m * stiffness,
+    )
+
+
+def _actuator(plant: MultibodyPlant, joint: str) -> JointActuator:
+    for i in plant.GetJointActuatorIndices():
+        if plant.get_joint_actuator(i).joint().name() == joint:
+            return plant.get_joint_actuator(i)
+    raise AssertionError(f"joint {joint} has no actuator")  # add_hand_and_object gives each one
+
+
+def _same_friction(
+    plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex, material: CoulombFriction
+) -> None:
+    """Phalanges rub no better than fingertips."""
+    inspector = scene_graph.model_inspector()
+    for b in plant.GetBodyIndices(model):
+        for g in plant.GetCollisionGeometriesForBody(plant.get_body(b)):
+            properties = ProximityProperties(inspector.GetProximityProperties(g))
+            properties.UpdateProperty("material", "coulomb_friction", material)
+            scene_graph.AssignRole(plant.get_source_id(), g, properties, RoleAssign.kReplace)
+
+
+def _true_volume(plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId) -> None:
+    """Enlarges a round shape so that its inscribed polyhedron has the volume of the shape."""
+    inspector = scene_graph.model_inspector()
+    shape = inspector.GetShape(geometry)
+    mesh = inspector.maybe_get_hydroelastic_mesh(geometry)
+    if mesh is None or not isinstance(shape, Sphere | Cylinder | Capsule):
+        return  # boxes and meshes are polyhedra
+    lacking = CalcVolume(shape) / _mesh_volume(mesh)
+    if isinstance(shape, Sphere):
+        larger: Shape = Sphere(shape.radius() * lacking ** (1 / 3))
+    else:
+        larger = type(shape)(shape.radius() * lacking**0.5, shape.length())
+    scene_graph.ChangeShape(plant.get_source_id(), geometry, larger)
+
+
+def _mesh_volume(mesh: VolumeMesh | TriangleSurfaceMesh) -> float:
+    if isinstance(mesh, VolumeMesh):
+        return mesh.CalcVolume()
+    p = np.array([mesh.vertex(i) for i in range(mesh.num_vertices())])
+    t = np.array([[mesh.element(i).vertex(j) for j in range(3)] for i in range(mesh.num_elements())])
+    return float(np.sum(p[t[:, 0]] * np.cross(p[t[:, 1]], p[t[:, 2]])) / 6)

@@ -1,0 +1,112 @@
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+import pytest
+
+from drake_hand.errors import InputError
+from drake_hand.motion.plan import Certificate
+from drake_hand.motion.trajectory import Trajectory
+from drake_hand.verify.physics import Perturbation
+from drake_hand.verify.replay import commands, hold_window, replay, simulate
+from tests.verify.held import END, RAMP, held_plan
+
+WEIGHT = np.array([0, 0, -0.015 * 9.81])
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return held_plan()
+
+
+def certified(plan):
+    """Stamps a plan as certified: what is tried here is the replay, not the certificate."""
+    stamp = Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash)
+    return msgspec.structs.replace(plan, certificate=stamp)
+
+
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_planned_forces_hold_the_pencil(plan, contact):
+    run, record = replay(plan, contact=contact)
+    assert run.success
+    assert not run.dropped
+    assert run.position_error_mm < 0.2
+    assert run.tilt_error_deg < 0.5
+    assert run.rotation_error_deg < 0.5
+    assert run.slip_mm < 0.2
+    assert run.strays == {}
+    assert run.free_s == pytest.approx(RAMP)
+    assert run.end_s > END
+    planned = [np.linalg.norm(c.f_W[-1]) for c in plan.parts[0].contacts.values()]
+    np.testing.assert_allclose(np.linalg.norm(record.f_W[-1], axis=1)[1:], planned, atol=0.2)
+    np.testing.assert_allclose(record.f_W[-1].sum(axis=0), -WEIGHT, atol=0.02)
+
+
+def test_without_forces_the_pencil_falls():
+    run, record = replay(held_plan(hold="kinematic"))
+    assert run.dropped
+    assert not run.success
+    assert run.position_error_mm > 30
+    assert run.end_s == pytest.approx(record.t[-1])
+
+
+def test_it_falls_on_slippery_fingers(plan):
+    assert replay(plan, Perturbation(friction=0.05))[0].dropped
+
+
+def test_the_fixture_holds_until_the_grasp_is_complete_and_no_longer(plan):
+    _, record = replay(held_plan(hold="kinematic"), Perturbation(shift_mm=(0.0, 0.0, 1.0)))
+    p = record.X_WO[:, 2, 3]
+    assert p[0] == pytest.approx(0.09245)
+    assert hold_window(plan, WEIGHT) == pytest.approx((RAMP, END))
+    _, pushed = replay(plan, Perturbation(shift_mm=(0.0, 0.0, 1.0)))
+    still = pushed.t <= RAMP
+    np.testing.assert_allclose(pushed.X_WO[still] - pushed.X_WO[0], 0, atol=1e-9)
+    assert abs(pushed.X_WO[-1, 2, 3] - 0.09245) > 1e-4
+
+
+def test_commands_are_the_plan_and_its_offsets(plan):
+    trajectory = Trajectory(plan)
+    told = commands(trajectory)
+    for t in (-0.1, 0.0, 0.05, RAMP, END, END + 0.2):
+        np.testing.assert_allclose(told.value(t)[:, 0], trajectory.at(t).q_command[0], atol=1e-12)
+    np.testing.assert_allclose(told.derivative(1).value(-0.1), 0, atol=1e-12)
+
+
+def test_runs_are_perturbed_reproducibly_and_counted(plan):
+    seen = []
+    result = simulate(certified(plan), runs=2, seed=3, contact="point", jobs=1, progress=seen.append)
+    again = simulate(certified(plan), runs=2, seed=3, contact="point", jobs=2)
+    assert [r.perturbation for r in result.runs] == [r.perturbation for r in again.runs]
+    assert [r.position_error_mm for r in result.runs] == [r.position_error_mm for r in again.runs]
+    assert result.perturbed
+    assert result.success_rate == np.mean([r.success for r in result.runs])
+    assert result.runs[0].perturbation != result.runs[1].perturbation
+    assert seen[-1].fraction == 1.0
+    assert all(a.fraction <= b.fraction for a, b in pairwise(seen))
+    assert msgspec.json.decode(msgspec.json.encode(result))["runs"][0]["errors"]["t"][0] == pytest.approx(RAMP)
+
+
+def test_perturbations_keep_their_ranges():
+    rng = np.random.default_rng(0)
+    for change in (Perturbation.draw(rng) for _ in range(50)):
+        assert all(0.8 <= x <= 1.2 for x in (change.friction, change.mass, change.stiffness))
+        assert np.linalg.norm(change.shift_mm) == pytest.approx(1)
+        assert np.linalg.norm(change.turn_deg) == pytest.approx(2)
+        X = change.start(np.eye(4))
+        assert np.degrees(np.arccos((np.trace(X[:3, :3]) - 1) / 2)) == pytest.approx(2)
+        np.testing.assert_allclose(X[:3, 3] * 1e3, change.shift_mm)
+
+
+def test_uncertified_plans_are_refused(plan):
+    with pytest.raises(InputError, match="certified"):
+        simulate(plan)
+    edited = msgspec.structs.replace(certified(plan), seed=1)
+    with pytest.raises(InputError, match="certified"):
+        simulate(edited)
+
+
+def test_a_plan_that_never_holds_is_refused(plan):
+    part = msgspec.structs.replace(plan.parts[0], mode="00000", contacts={}, q_offset=None)
+    with pytest.raises(InputError, match="never hold"):
+        hold_window(msgspec.structs.replace(plan, parts=[part]), WEIGHT)
