@@ -1,0 +1,217 @@
+"""`MirrorView`: two hands in the browser, the measured one solid, the commanded one as its ghost (meshcat, yourdfpy).
+
+meshcat's server runs in a thread of this process: no child that could outlive it, no waiting for its answers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_hand.epos.mirror import Pose
+from drake_hand.errors import DriveError, InputError, nearest
+
+_SOLID, _GHOST, _GHOST_OPACITY = 0xC8CDD2, 0x2F7FD6, 0.35
+_START_S = 10.0
+_STILL = 1e-5
+"""Smallest change of a pose that is sent, m and rad."""
+
+
+class _Server:
+    """meshcat's bridge to the browser, in a thread; stands in for the window of a `meshcat.Visualizer`."""
+
+    def __init__(self) -> None:
+        self._ready = threading.Event()
+        self._error: Exception | None = None
+        self._bridge: Any
+        self._thread = threading.Thread(target=self._run, name="mirror server", daemon=True)
+        self._thread.start()
+        if not self._ready.wait(_START_S) or self._error:
+            raise DriveError(f"the mirror's web server did not start: {self._error or 'no answer'}")
+        self.web_url = str(self._bridge.web_url)
+
+    def _run(self) -> None:
+        from meshcat.servers import zmqserver
+        from tornado.web import Application
+
+        class Browser(zmqserver.WebSocketHandler):
+            """One browser; the one it replaces prints whenever it comes or goes."""
+
+            def open(self) -> None:
+                self.bridge.websocket_pool.add(self)
+                self.bridge.send_scene(self)
+
+            def on_close(self) -> None:
+                self.bridge.websocket_pool.discard(self)
+
+        class Bridge(zmqserver.ZMQWebSocketBridge):
+            """Takes commands by call, not over ZMQ: `send` and `setup_zmq` are the socket it does not have."""
+
+            def make_app(self) -> Application:
+                files = {"path": zmqserver.VIEWER_ROOT, "default_filename": zmqserver.VIEWER_HTML}
+                return Application(
+                    [(r"/static/(.*)", zmqserver.StaticFileHandlerNoCache, files), (r"/", Browser, {"bridge": self})]
+                )
+
+            def setup_zmq(self, url: str) -> tuple[Any, None, str]:
+                return self, None, url
+
+            def send(self, answer: bytes) -> None:
+                """Nobody waits for answers."""
+
+        logging.getLogger("tornado.access").setLevel(logging.ERROR)
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        try:
+            with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
+                self._bridge = Bridge()
+        except Exception as e:
+            self._error = e
+            return
+        finally:
+            self._ready.set()
+        self._bridge.run()
+
+    def send(self, command: Any) -> None:
+        """Takes a drawing command, as `meshcat.Visualizer` makes them."""
+        import umsgpack
+
+        data = command.lower()
+        frames = [data["type"].encode(), data["path"].encode(), umsgpack.packb(data)]
+        self._bridge.ioloop.add_callback(self._bridge.handle_zmq, frames)
+
+    def stop(self) -> None:
+        """Ends the server and its thread."""
+        self._bridge.ioloop.add_callback(self._bridge.ioloop.stop)
+        self._thread.join(_START_S)
+
+
+class _HandModel:
+    """One hand of the scene: its links' meshes, moved by forward kinematics.
+
+    Args:
+        urdf: file.
+        joints: of the drives, in their order.
+        path: in meshcat's tree.
+        color: 0xRRGGBB.
+        opacity: below 1 for a ghost.
+    """
+
+    def __init__(self, urdf: Path, joints: Sequence[str], path: Any, color: int, opacity: float) -> None:
+        import trimesh
+        import yourdfpy
+        from meshcat.geometry import MeshPhongMaterial, TriangularMeshGeometry
+
+        self._urdf, self._path = yourdfpy.URDF.load(str(urdf)), path
+        actuated = list(self._urdf.actuated_joint_names)
+        for joint in joints:
+            if joint not in actuated:
+                raise InputError(
+                    f"the hand has no joint '{joint}'",
+                    file=urdf,
+                    key="joint",
+                    found=joint,
+                    expected=nearest(joint, actuated),
+                )
+        self._columns = [actuated.index(j) for j in joints]
+        self._q = np.zeros(len(actuated))
+        self._shown: dict[str, np.ndarray] = {}
+        scene = self._urdf.scene
+        parts: dict[str, list[Any]] = {}
+        for node in scene.graph.nodes_geometry:
+            link = scene.graph.transforms.parents[node]
+            X_LG, name = scene.graph.get(node, frame_from=link)
+            mesh = scene.geometry[name].copy()
+            parts.setdefault(link, []).append(mesh.apply_transform(X_LG))
+        material = MeshPhongMaterial(color=color, opacity=opacity, transparent=opacity < 1)
+        if opacity < 1:  # where both coincide the solid one is seen
+            material.properties |= {"polygonOffset": True, "polygonOffsetFactor": 2, "polygonOffsetUnits": 2}
+            material.properties |= {"depthWrite": False}
+        for link, meshes in parts.items():
+            body: Any = trimesh.util.concatenate(meshes)
+            # one vertex per corner: flat faces stay flat, edges stay sharp
+            geometry = TriangularMeshGeometry(
+                body.triangles.reshape(-1, 3), np.arange(3 * len(body.faces)).reshape(-1, 3)
+            )
+            path[link].set_object(geometry, material)
+        self._links = list(parts)
+        bounds = np.asarray(scene.bounds)
+        self.centre = bounds.mean(axis=0)
+        """(3,) middle of its box, m."""
+        self.size = float(np.linalg.norm(np.ptp(bounds, axis=0)))
+        """Diagonal of its box, m."""
+        self.show(np.zeros(len(joints)))
+
+    def show(self, q: np.ndarray) -> None:
+        """Moves to joint positions (n,) [rad]; NaN leaves a joint where it is."""
+        known = np.isfinite(q)
+        self._q[np.array(self._columns)[known]] = q[known]
+        self._urdf.update_cfg(self._q)
+        for link in self._links:
+            X_WL = self._urdf.get_transform(link)
+            if link not in self._shown or np.abs(X_WL - self._shown[link]).max() > _STILL:
+                self._shown[link] = X_WL
+                self._path[link].set_transform(np.asarray(X_WL, float))
+
+
+class MirrorView:
+    """Both hands; made by :func:`open_view`."""
+
+    def __init__(self, urdf: Path, joints: Sequence[str]) -> None:
+        import meshcat
+
+        self._server = _Server()
+        scene = meshcat.Visualizer(window=self._server)
+        scene["/Background"].set_property("top_color", [0.95, 0.96, 0.97])
+        scene["/Background"].set_property("bottom_color", [0.82, 0.85, 0.88])
+        scene["/Grid"].set_property("visible", False)
+        scene["/Axes"].set_property("visible", False)
+        self._measured = _HandModel(urdf, joints, scene["hands/measured"], _SOLID, 1.0)
+        self._commanded = _HandModel(urdf, joints, scene["hands/commanded"], _GHOST, _GHOST_OPACITY)
+        # meshcat's camera orbits the origin, so the hands' middle goes there
+        size, to_middle = self._measured.size, np.eye(4)
+        to_middle[:3, 3] = -self._measured.centre
+        scene["hands"].set_transform(to_middle)
+        # from the palm's side, a little from above; in the camera's frame y is up
+        scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9 * size, 0.25 * size, 0.35 * size])
+
+    @property
+    def url(self) -> str:
+        """Where to point the browser."""
+        return self._server.web_url
+
+    def show(self, pose: Pose) -> None:
+        """Draws a pose; a commanded joint that is not known lies on the measured one."""
+        self._measured.show(pose.measured)
+        self._commanded.show(np.where(np.isfinite(pose.commanded), pose.commanded, pose.measured))
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._server.stop()
+
+
+@contextmanager
+def open_view(urdf: Path, joints: Sequence[str]) -> Iterator[MirrorView]:
+    """Opens the scene and serves it, until left.
+
+    Args:
+        urdf: of the hand.
+        joints: of the drives, in their order.
+
+    Raises:
+        InputError: a joint is not in the URDF.
+        DriveError: no port to serve it on.
+    """
+    view = MirrorView(urdf, joints)
+    try:
+        yield view
+    finally:
+        view.close()
