@@ -11,7 +11,7 @@ import numpy as np
 from drake_hand.modes.predicate import Clause
 
 if TYPE_CHECKING:
-    from drake_hand.modes.situation import Situation, Touch
+    from drake_hand.modes.situation import Situation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,29 +61,32 @@ class Clauses:
 
     def touching(self, finger: str) -> Clause:
         """The tip is on the surface."""
-        return self._tip("contact", finger, "|gap|", "<=", self.tolerances.contact, "mm", lambda t: abs(t.gap))
+        return self._tip("contact", finger, "|gap|", "<=", self.tolerances.contact, "mm", lambda s: abs(s.gaps[finger]))
 
     def clear(self, finger: str) -> Clause:
         """The tip is not in the object; it may be on the surface, so that neighbouring invariants meet at the jump."""
-        return self._tip("clear", finger, "gap", ">=", -self.tolerances.contact, "mm", lambda t: t.gap)
+        return self._tip("clear", finger, "gap", ">=", -self.tolerances.contact, "mm", lambda s: s.gaps[finger])
 
     def no_slip(self, finger: str) -> Clause:
-        """The tip has no velocity relative to the object: at the contact point, or at its centre for ``pivot``."""
-        kind, formula, measure = {
-            "rolling": ("no slip", "|relative velocity|", lambda t: _norm(t.slip_W)),
-            "pivot": ("no pivot slip", "|relative velocity of the tip centre|", lambda t: _norm(t.pivot_W)),
-        }[self.model]
-        return self._tip(kind, finger, formula, "<=", self.tolerances.slip, "mm/s", measure)
+        """The tip has no velocity relative to the object, at the contact point or, for ``pivot``, at its centre."""
+        limit = self.tolerances.slip
+        if self.model == "pivot":
+            formula = "|relative velocity of the tip centre|"
+            return self._tip(
+                "no slip", finger, formula, "<=", limit, "mm/s", lambda s: _norm(s.velocity(finger).centre)
+            )
+        formula = "|relative velocity|"
+        return self._tip("no slip", finger, formula, "<=", limit, "mm/s", lambda s: _norm(s.velocity(finger).contact))
 
     def staying_on(self, finger: str) -> Clause:
         """The tip has no velocity relative to the object along the normal."""
         formula, limit = "|relative normal velocity|", self.tolerances.slip
-        return self._tip("stays on", finger, formula, "<=", limit, "mm/s", lambda t: abs(t.normal_speed))
+        return self._tip("stays on", finger, formula, "<=", limit, "mm/s", lambda s: abs(s.velocity(finger).normal))
 
     def departing(self, finger: str) -> Clause:
         """The tip does not move into the object."""
         formula, limit = "relative normal velocity", -self.tolerances.slip
-        return self._tip("departs", finger, formula, ">=", limit, "mm/s", lambda t: t.normal_speed)
+        return self._tip("departs", finger, formula, ">=", limit, "mm/s", lambda s: s.velocity(finger).normal)
 
     def unchanged(self) -> tuple[Clause, ...]:
         """X' = X."""
@@ -101,10 +104,10 @@ class Clauses:
         relation: Literal["<=", ">="],
         limit: float,
         unit: str,
-        measure: Callable[[Touch], float],
+        measure: Callable[[Situation], float],
     ) -> Clause:
         name = f"{kind}[{finger} tip on {self.object_name}]"
-        return Clause(name, formula, relation, limit, unit, lambda s: (measure(s.touches[finger]), ""))
+        return Clause(name, formula, relation, limit, unit, lambda s: (measure(s), ""))
 
 
 def _norm(vector: np.ndarray) -> float:

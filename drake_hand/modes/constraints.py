@@ -11,6 +11,7 @@ from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.multibody.inverse_kinematics import InverseKinematics, UnitQuaternionConstraint
 from pydrake.solvers import BoundingBoxConstraint, LinearEqualityConstraint, MathematicalProgram
 from pydrake.systems.framework import Context
+from scipy.optimize import least_squares
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.submodel import Submodel
@@ -143,8 +144,17 @@ def reach(hand: Hand, X_WO: np.ndarray, p_OC: Mapping[str, np.ndarray], q: np.nd
     q = q.copy()
     for name, point in p_OC.items():
         finger = hand.finger(name)
+        kinematics = FingerKinematics.of(hand, finger)
         p_WC = X_WO[:3, :3] @ point + X_WO[:3, 3]
-        q[finger.columns] = FingerKinematics.of(hand, finger).ik(p_WC[None])[0][0]
+        found, residual = kinematics.ik(p_WC[None])
+        q[finger.columns] = found[0]
+        if residual[0] > 1e-6:  # out of reach: ik stops early then
+            q[finger.columns] = least_squares(
+                lambda x, k=kinematics, p=p_WC: k.fk(x[None])[0][0] - p,
+                np.clip(found[0], kinematics.lower + 1e-9, kinematics.upper - 1e-9),
+                lambda x, k=kinematics: k.jacobian(x[None])[2][0],
+                bounds=(kinematics.lower, kinematics.upper),
+            ).x
     return q
 
 

@@ -44,22 +44,20 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Touch:
-    """One fingertip against the object."""
+class RelativeVelocity:
+    """Of a fingertip relative to the object, in W, m/s."""
 
-    gap: float
-    """Signed distance of the spherical tip from the object, m."""
+    contact: np.ndarray
+    """(3,) of the tip's material at the contact point."""
+    centre: np.ndarray
+    """(3,) of the tip centre."""
     nhat_W: np.ndarray
-    """(3,) outward normal of the object at its point nearest to the tip."""
-    slip_W: np.ndarray
-    """(3,) velocity of the tip relative to the object, both at the contact point, m/s."""
-    pivot_W: np.ndarray
-    """(3,) velocity of the tip centre relative to the expanded object, m/s."""
+    """(3,) outward normal of the object."""
 
     @property
-    def normal_speed(self) -> float:
-        """Relative velocity along the normal, positive where the tip departs, m/s."""
-        return float(self.slip_W @ self.nhat_W)
+    def normal(self) -> float:
+        """Along the normal, positive where the tip departs."""
+        return float(self.contact @ self.nhat_W)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,27 +70,34 @@ class Situation:
     """X' of a jump; X itself if not given."""
 
     @cached_property
-    def touches(self) -> dict[str, Touch]:
-        """Every fingertip against the object, by finger name."""
+    def gaps(self) -> dict[str, float]:
+        """Signed distance of every finger's spherical tip from the object, m."""
+        fingers = self.scene.hand.fingers
+        distances = self._nearest[1]
+        return {f.name: float(d) - f.radius for f, d in zip(fingers, distances, strict=True)}
+
+    def velocity(self, name: str) -> RelativeVelocity:
+        """How a fingertip moves relative to the object."""
         hand, state = self.scene.hand, self.state
-        surface = object_surface(self.scene)
-        still = np.zeros((1, 6))
-        motion = ObjectMotion(X_WO=state.X_WO[None], V_WO=state.V_WO[None], A_WO=still)
-        R_WO, p_WO = state.X_WO[:3, :3], state.X_WO[:3, 3]
-        touches = {}
-        for finger in hand.fingers:
-            kinematics = FingerKinematics.of(hand, finger)
-            q, v = state.q[None, finger.columns], state.v[None, finger.columns]
-            p_WC, _, J, _ = kinematics.jacobian(q)
-            _, nhat_O, distance = surface.closest((p_WC - p_WO) @ R_WO)
-            carried = state.V_WO[3:] + np.cross(state.V_WO[:3], p_WC[0] - p_WO)
-            touches[finger.name] = Touch(
-                gap=float(distance[0]) - finger.radius,
-                nhat_W=R_WO @ nhat_O[0],
-                slip_W=slip_velocity(kinematics, surface, q, v, motion)[0],
-                pivot_W=J[0] @ v[0] - carried,
-            )
-        return touches
+        finger = hand.finger(name)
+        kinematics = FingerKinematics.of(hand, finger)
+        q, v = state.q[None, finger.columns], state.v[None, finger.columns]
+        motion = ObjectMotion(X_WO=state.X_WO[None], V_WO=state.V_WO[None], A_WO=np.zeros((1, 6)))
+        p_WC, _, J, _ = kinematics.jacobian(q)
+        carried = state.V_WO[3:] + np.cross(state.V_WO[:3], p_WC[0] - state.X_WO[:3, 3])
+        return RelativeVelocity(
+            contact=slip_velocity(kinematics, object_surface(self.scene), q, v, motion)[0],
+            centre=J[0] @ v[0] - carried,
+            nhat_W=state.X_WO[:3, :3] @ self._nearest[0][finger.index],
+        )
+
+    @cached_property
+    def _nearest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Outward normal in O (n, 3) at the surface point nearest to each tip centre, and its distance (n,)."""
+        self.scene.set(self.state.q, self.state.X_WO)
+        p_WC = np.stack([self.scene.tip_position(f) for f in self.scene.hand.fingers])
+        p_OC = (p_WC - self.state.X_WO[:3, 3]) @ self.state.X_WO[:3, :3]
+        return object_surface(self.scene).closest(p_OC)[1:]
 
     @cached_property
     def clearance(self) -> tuple[float, str]:

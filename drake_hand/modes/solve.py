@@ -116,7 +116,7 @@ def _infeasible(program: ModeProgram, q: np.ndarray, violations: list[Violation]
         "at_limit": limits,
         "violations": [str(v) for v in violations],
     }
-    xyz, rpy = (", ".join(f"{x:.1f}" for x in evidence[k]) for k in ("xyz_mm", "rpy_deg"))
+    xyz, rpy = (", ".join(f"{round(x, 1) + 0.0:.1f}" for x in evidence[k]) for k in ("xyz_mm", "rpy_deg"))
     who = f"{worst.finger}: " if worst.finger else ""
     at_limit = f", {', '.join(limits)}" if limits else ""
     pose = f"object at ({xyz}) mm, rpy ({rpy}) deg"

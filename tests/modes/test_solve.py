@@ -1,0 +1,160 @@
+"""Solving a mode, and the reasons given where there is no solution; two hands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.modes.automaton import Automaton
+from drake_hand.modes.code import Mode
+from drake_hand.modes.constraints import IkOptions, build_ik
+from drake_hand.modes.situation import Situation, State
+from drake_hand.modes.solve import Infeasible, find_violations, solve_ik
+
+ALLEGRO = Path(__file__).parents[2] / "../shared/models/hands/allegro/allegro_hand_right.urdf"
+
+
+def mode(held, code: str) -> Mode:
+    return Mode.parse(code, [f.name for f in held.scene.hand.fingers])
+
+
+def invariant(held, code: str, q: np.ndarray):
+    automaton = Automaton.of(held.scene.hand, held.scene.object.name)
+    return automaton.inv(mode(held, code))(Situation(scene=held.scene, state=State(q=q, X_WO=held.X_WO)))
+
+
+def test_rolling_tips_are_where_they_were_asked_to_be(held) -> None:
+    rng = np.random.default_rng(3)
+    guess = held.q + rng.normal(size=held.q.size) * 0.03
+    solution = solve_ik(build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess))
+    for name, p_OC in held.p_OC.items():
+        np.testing.assert_allclose(solution.p_OC[name], p_OC, atol=1e-5)
+    verdict = invariant(held, "00111", solution.q)
+    assert verdict, verdict
+
+
+def test_the_posture_nearest_to_the_guess_is_taken(held) -> None:
+    free = held.scene.hand.finger("little").columns
+    guess = held.q.copy()
+    guess[free] += [0.0, 0.1, 0.1]
+    solution = solve_ik(build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess))
+    np.testing.assert_allclose(solution.q[free], guess[free], atol=1e-4)
+
+
+def test_a_sliding_tip_stays_on_the_surface_where_the_guess_is(held) -> None:
+    thumb = held.scene.hand.finger("thumb")
+    p_OC = held.p_OC["thumb"] + [0, 0, 3e-3]  # along the pencil
+    p_WC = held.X_WO[:3, :3] @ p_OC + held.X_WO[:3, 3]
+    guess = held.q.copy()
+    guess[thumb.columns] = FingerKinematics.of(held.scene.hand, thumb).ik(p_WC[None])[0][0]
+    sliding = mode(held, "00112")
+    moved = solve_ik(build_ik(held.scene, sliding, held.X_WO, held.p_OC, q_guess=guess))
+    assert np.linalg.norm(moved.p_OC["thumb"] - p_OC) < 2e-4
+    narrow = IkOptions(slide_range=1e-3)
+    kept = solve_ik(build_ik(held.scene, sliding, held.X_WO, held.p_OC, q_guess=guess, options=narrow))
+    assert (kept.p_OC["thumb"] - held.p_OC["thumb"])[2] == pytest.approx(1e-3, abs=1e-4)
+    assert invariant(held, "00112", moved.q)
+    assert invariant(held, "00112", kept.q)
+
+
+def test_a_free_finger_is_moved_out_of_the_object(held, reachable_contacts) -> None:
+    ring = held.scene.hand.finger("ring")
+    inside = reachable_contacts(held.scene, held.X_WO, 4e-3)["ring"]
+    inside = inside[np.argmax(inside[:, 2] * np.sign(held.p_OC["middle"][2]))] * [0.6, 0.6, 1.0]
+    guess = held.q.copy()
+    target = held.X_WO[:3, :3] @ inside + held.X_WO[:3, 3]
+    guess[ring.columns] = FingerKinematics.of(held.scene.hand, ring).ik(target[None])[0][0]
+    assert Situation(scene=held.scene, state=State(q=guess, X_WO=held.X_WO)).gaps["ring"] < -1e-3
+    options = IkOptions(clearance=1e-3)
+    solution = solve_ik(build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess, options=options))
+    held.scene.set(solution.q, held.X_WO)
+    others = held.scene.clearances(0.05, exclude=["middle", "index", "thumb"])
+    assert min(distance for *_, distance in others) > 1e-3 - 1e-5
+
+
+def test_out_of_reach_names_finger_constraint_amount_and_pose(held) -> None:
+    X_WO = held.X_WO.copy()
+    X_WO[:3, 3] += [0.1, 0, 0]
+    with pytest.raises(Infeasible) as e:
+        solve_ik(build_ik(held.scene, held.mode, X_WO, held.p_OC))
+    evidence = e.value.evidence
+    assert evidence["constraint"] == f"contact[{evidence['finger']} tip on pencil_r8]"
+    finger = held.scene.hand.finger(evidence["finger"])
+    target = X_WO[:3, :3] @ held.p_OC[finger.name] + X_WO[:3, 3]
+    kinematics = FingerKinematics.of(held.scene.hand, finger)
+    grid = np.stack(
+        np.meshgrid(*[np.linspace(a, b, 25) for a, b in zip(kinematics.lower, kinematics.upper, strict=True)]), -1
+    )
+    nearest = np.linalg.norm(kinematics.fk(grid.reshape(-1, 3))[0] - target, axis=1).min()
+    assert evidence["amount_mm"] == pytest.approx(nearest * 1e3, rel=0.05)
+    assert evidence["xyz_mm"] == pytest.approx(X_WO[:3, 3] * 1e3)
+    assert {"mode": "00111", "violations": evidence["violations"]}.items() <= evidence.items()
+    for word in ("mode 00111", evidence["finger"], "mm", "(150.0, 0.0, 110.0)"):
+        assert word in str(e.value)
+    assert e.value.exit_status == 1
+    assert e.value.status == "infeasible"
+
+
+def test_a_limit_in_the_way_is_named(held) -> None:
+    thumb = held.scene.hand.finger("thumb")
+    X_WO = held.X_WO.copy()
+    X_WO[:3, 3] = [0.06, -0.06, 0.1]
+    with pytest.raises(Infeasible) as e:
+        solve_ik(build_ik(held.scene, mode(held, "00001"), X_WO, {"thumb": held.p_OC["thumb"]}))
+    assert e.value.evidence["finger"] == "thumb"
+    assert e.value.evidence["at_limit"]
+    assert all(name.split()[0] in thumb.joints for name in e.value.evidence["at_limit"])
+    assert e.value.evidence["at_limit"][0] in str(e.value)
+
+
+def test_what_can_be_reached_but_not_taken_is_a_collision(held, reachable_contacts) -> None:
+    """A tip that reaches round the pencil has a phalanx in it."""
+    reasons = []
+    for p_OC in reachable_contacts(held.scene, held.X_WO, 8e-3)["index"]:
+        try:
+            solve_ik(build_ik(held.scene, mode(held, "00010"), held.X_WO, {"index": p_OC}))
+        except Infeasible as e:
+            reasons.append(e.evidence)
+    assert reasons
+    assert {r["constraint"] for r in reasons} == {"minimum distance"}
+    assert {r["finger"] for r in reasons} == {"index"}
+    assert all("pencil_r8" in r["where"] and r["amount_mm"] > 0.01 for r in reasons)
+
+
+def test_violations_are_measured(held) -> None:
+    program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC)
+    assert find_violations(program, held.q) == []
+    q = held.q.copy()
+    q[held.scene.hand.finger("index").columns[1]] -= 0.05
+    (violation, *_) = find_violations(program, q)
+    assert violation.finger == "index"
+    moved = FingerKinematics.of(held.scene.hand, held.scene.hand.finger("index")).fk(
+        np.stack([held.q, q])[:, held.scene.hand.finger("index").columns]
+    )[0]
+    assert violation.amount == pytest.approx(np.linalg.norm(moved[1] - moved[0]), rel=1e-3)
+
+
+@pytest.mark.skipif(not ALLEGRO.is_file(), reason="the Allegro hand's model is not beside this checkout")
+def test_another_hand(tmp_path: Path, find_hold) -> None:
+    file = tmp_path / "allegro.hand.yaml"
+    fingers = "\n".join(
+        f"  - {{name: {name}, tip: {{link: {link}_tip, radius_mm: 12, xyz_mm: [0, 0, 0]}}}}"
+        for name, link in {"ring": "link_11.0", "middle": "link_7.0", "index": "link_3.0", "thumb": "link_15.0"}.items()
+    )
+    file.write_text(
+        f"name: allegro\nurdf: {ALLEGRO.resolve()}\npalm: base_link\nfingers:\n{fingers}\n"
+        "defaults: {acceleration_deg_s2: 1000, stiffness_nm_rad: 3, damping_nm_s_rad: 0.05}\n"
+    )
+    X_WO = np.eye(4)
+    X_WO[:3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    X_WO[:3, 3] = [0.085, 0.02, 0.02]
+    scene = Scene(Hand.load(file), Object.load("pencil_r8"))
+    held = find_hold(scene, "0121", X_WO)
+    assert len(held.q) == 16
+    verdict = invariant(held, "0121", held.q)
+    assert verdict, verdict
