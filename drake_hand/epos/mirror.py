@@ -22,6 +22,7 @@ from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim_pvt import Record, cubic
 from drake_hand.epos.state import BIT12, State, decode_state
+from drake_hand.errors import InputError
 
 _RUN = 1 << 4
 _CLEAR_QUEUE = bytes([0x2F]) + o.IP_BUFFER_CLEAR.index.to_bytes(2, "little") + bytes([o.IP_BUFFER_CLEAR.sub])
@@ -58,7 +59,8 @@ class _Listener:
         self._per_rpm = drive.counts_per_turn / 60
         self.measured = self._target = np.nan
         self.state = State.UNKNOWN
-        self._word = self._latched = 0
+        self._latched = 0
+        self._word: int | None = None  # no SYNC heard yet: bit 4 may have risen before
         self._queue: deque[Record] = deque()
         self._started: float | None = None
 
@@ -81,7 +83,7 @@ class _Listener:
 
     def synced(self, t: float) -> None:
         """SYNC: the command latched before it acts; bit 4 starts the queue."""
-        if self._latched & ~self._word & _RUN and self._queue:
+        if self._word is not None and self._latched & ~self._word & _RUN and self._queue:
             self._started = t
         self._word = self._latched
 
@@ -197,7 +199,13 @@ def listen(bus: can.BusABC, mirror: Mirror, period_s: float) -> Iterator[Pose]:
 
 
 def replay(record: RunRecord, period_s: float) -> Iterator[Pose]:
-    """Poses of a recorded run, in its own time."""
+    """Poses of a recorded run, in its own time.
+
+    Raises:
+        InputError: nothing was played in it.
+    """
+    if not len(record.t):
+        raise InputError("the run ended before anything moved", key="run", expected="a record with motion")
     start, t = time.monotonic(), 0.0
     while t <= record.t[-1]:
         k = int(np.searchsorted(record.t, t, side="right")) - 1
