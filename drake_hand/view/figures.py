@@ -128,6 +128,8 @@ def draw_object(plan: Plan, states: States) -> Figure:
         for i, axis in enumerate("xyz"):
             ax.plot(states.t, values[:, i], label=f"{axis} of W")
         ax.set_ylabel(unit)
+        low, high = ax.get_ylim()
+        ax.set_ylim(min(low, -1.0), max(high, 1.0))
         _switches(ax, plan)
     _legend(turn)
     shift.set_xlabel("time [s]")

@@ -6,8 +6,27 @@ import json
 from importlib import resources
 from string import Template
 
-from drake_hand.motion.plan import Plan
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from drake_hand.motion.plan import Certificate, Plan
+from drake_hand.motion.trajectory import Trajectory
 from drake_hand.view.colors import SUBMODEL
+
+FIRST = (
+    "contact_mm",
+    "slip_mm",
+    "penetration_mm",
+    "limit_margin_rad",
+    "speed_ratio",
+    "acceleration_ratio",
+    "force_margin",
+    "goal_position_mm",
+    "goal_rotation_deg",
+)
+"""Certificate fields on the card."""
+MOVED = np.radians(1.0)
+"""An object that turns less does not turn."""
 
 Fact = tuple[str, str, bool]
 """Name, value, and whether that is as it should be."""
@@ -24,11 +43,9 @@ def add_panel(
         facts: lines of the card; the certificate's worst values if not given.
         verdict: the badge and whether it is good news; whether the plan is certified if not given.
     """
-    certificate = plan.certificate
     badge, good = verdict or ("certified" if plan.certified else "not certified", plan.certified)
     if facts is None:
-        worst = certificate.worst if certificate else {}
-        facts = [(name, f"{w.value:.3g}", w.ok) for name, w in worst.items() if w.value is not None]
+        facts = certificate_facts(plan.certificate) if plan.certificate else []
     data = {
         "title": title(plan),
         "subtitle": f"{plan.hand}, {plan.duration:.1f} s",
@@ -38,6 +55,7 @@ def add_panel(
         "fingers": plan.fingers,
         "duration": plan.duration,
         "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],
+        "turn": _turn(plan),
         "rows": [_row(plan, i) for i in range(len(plan.fingers))],
     }
     template = Template(resources.files("drake_hand.view").joinpath("panel.html").read_text(encoding="utf-8"))
@@ -59,6 +77,23 @@ def title(plan: Plan) -> str:
             words.append(step.kind.replace("_", " "))
     name = plan.task.object.replace("\\", "/").rpartition("/")[2].partition(".")[0]
     return f"{name}: {', '.join(words)}"
+
+
+def certificate_facts(certificate: Certificate) -> list[Fact]:
+    """The worst values a person asks for first, and whatever fails."""
+    names = [*FIRST, *(name for name, w in certificate.worst.items() if not w.ok and name not in FIRST)]
+    found = [(name, certificate.worst[name]) for name in names if name in certificate.worst]
+    return [(name, f"{round(w.value, 4):g}", w.ok) for name, w in found if w.value is not None]
+
+
+def _turn(plan: Plan) -> list[float]:
+    """How far the object has turned at equally spaced times, deg, about the axis it turns about most; winding counts."""
+    t = np.linspace(0.0, plan.duration, 400)
+    rotation = cumulative_trapezoid(Trajectory(plan).at(t).V_WO[:, :3], t, axis=0, initial=0.0)
+    largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]
+    if np.linalg.norm(largest) < MOVED:
+        return []
+    return np.degrees(rotation @ largest / np.linalg.norm(largest)).round(1).tolist()
 
 
 def _row(plan: Plan, finger: int) -> list[tuple[int, float, float]]:

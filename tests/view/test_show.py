@@ -14,8 +14,9 @@ import pytest
 from PIL import Image
 
 from drake_hand import api
+from drake_hand.motion.plan import Certificate, Worst
 from drake_hand.view import show
-from drake_hand.view.page import add_panel, title
+from drake_hand.view.page import add_panel, certificate_facts, title
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -36,6 +37,29 @@ def test_panel_knows_modes_events_and_merged_rows(page):
     assert data["parts"][2]["events"] == ["break index"]
     assert data["rows"][3] == [[0, 0.0, 1.0], [1, 1.0, 2.0], [0, 2.0, 4.0], [2, 4.0, 5.0]]
     assert data["good"] is False
+
+
+def test_card_shows_what_was_asked_first_and_whatever_fails(sample_plan):
+    def worst(value, ok):
+        return Worst(value=value, limit=1.0, ok=ok)
+
+    found = {"rest": worst(3e-17, True), "slip_mm": worst(3e-17, True), "effort_ratio": worst(1.5, False)}
+    found["force_margin"] = worst(None, True)
+    certificate = Certificate(certified=False, samples=1, worst=found, failures=[], plan_hash="")
+    assert certificate_facts(certificate) == [("slip_mm", "0", True), ("effort_ratio", "1.5", False)]
+
+
+def test_card_counts_turns_with_winding(sample_plan):
+    t = np.linspace(0, 2, 201)
+    poses = [[np.cos(a / 2), 0.0, np.sin(a / 2), 0.0, 0.1, 0.0, 0.0] for a in 2 * np.pi * t]
+    part = sample_plan.parts[0]
+    rates = np.gradient(np.array(poses), t, axis=0).tolist()
+    rows = {"q": [part.q[0]] * 201, "v": [part.v[0]] * 201, "q_offset": None}
+    spun = msgspec.structs.replace(part, t=t.tolist(), X_WO=np.array(poses).tolist(), V_WO=rates, **rows)
+    turn = panel_data(add_panel("<body></body>", msgspec.structs.replace(sample_plan, parts=[spun])))["turn"]
+    assert turn[0] == 0
+    assert turn[-1] == pytest.approx(720, abs=0.5)
+    assert panel_data(add_panel("<body></body>", sample_plan))["turn"] == []
 
 
 def test_text_from_a_plan_cannot_leave_its_place(sample_plan):
