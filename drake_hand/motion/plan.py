@@ -17,6 +17,8 @@ from drake_hand.planning.task import Task
 
 Row = list[float]
 
+_UNIT = 1e-6
+
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """Unknown keys are errors."""
@@ -107,9 +109,10 @@ class Plan(_Strict, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """sha256 over everything but the certificate."""
-        bare = msgspec.structs.replace(self, certificate=None)
-        return hashlib.sha256(msgspec.json.encode(bare, order="deterministic")).hexdigest()
+        """sha256 over everything but the certificate, as it reads back from a file (where 1 is 1.0)."""
+        bare = msgspec.json.encode(msgspec.structs.replace(self, certificate=None))
+        read = msgspec.json.decode(bare, type=Plan)
+        return hashlib.sha256(msgspec.json.encode(read, order="deterministic")).hexdigest()
 
     @property
     def certified(self) -> bool:
@@ -140,7 +143,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
         nq = len(self.joints)
         if len(set(self.joints)) != nq:
             raise InputError("joint named twice", file=file, key="joints", found=self.joints, expected="distinct names")
-        end = None
+        end = 0.0
         for i, part in enumerate(self.parts):
             key = f"parts[{i}]"
             if len(part.mode) != len(self.fingers) or set(part.mode) - set("012"):
@@ -159,9 +162,9 @@ class Plan(_Strict, frozen=True, kw_only=True):
                     key=f"{key}.t",
                     expected="2 or more, strictly increasing",
                 )
-            if end is not None and abs(part.t[0] - end) > 1e-9:
+            if abs(part.t[0] - end) > 1e-9:
                 raise InputError(
-                    "part does not start where the last ended",
+                    "part does not start where the one before ended",
                     file=file,
                     key=f"{key}.t[0]",
                     found=part.t[0],
@@ -193,6 +196,17 @@ class Plan(_Strict, frozen=True, kw_only=True):
                         found=f"{len(rows)} rows",
                         expected=f"({n}, {width})",
                     )
+                if rows is not None and not np.isfinite(rows).all():
+                    raise InputError("number is not finite", file=file, key=f"{key}.{what}", expected="finite numbers")
+            lengths = np.linalg.norm(np.array(part.X_WO)[:, :4], axis=1)
+            if np.any(np.abs(lengths - 1) > _UNIT):
+                raise InputError(
+                    "quaternion is not a unit quaternion",
+                    file=file,
+                    key=f"{key}.X_WO",
+                    found=f"length {lengths[np.argmax(np.abs(lengths - 1))]:g}",
+                    expected="length 1",
+                )
             touching = {f for f, c in zip(self.fingers, part.mode, strict=True) if c != "0"}
             if touching != set(part.contacts):
                 raise InputError(

@@ -16,6 +16,8 @@ _LEAST_FORCE = 1e-3
 _SLIDING = 1e-4
 """m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
 _SWEEPS = 60
+_SETTLED = 1e-3
+"""Change of the balance ratio between samples below which a ramp is over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,26 +110,28 @@ def _add_torsion(torque: np.ndarray, n: np.ndarray, limit: np.ndarray) -> np.nda
     return torque
 
 
-def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     """When the fixture has the object instead of the fingers (DESIGN 3.1: until the grasp is complete).
 
     Every stretch without any contact, and the plan's beginning, count; each reaches as far as the object lies still
-    and the fingers do not hold it yet (any more). From the first moment in which they hold it, or in which it moves,
-    the fixture is gone.
+    and the fingers do not hold it yet (any more), or their forces still come nearer to balance. From the first moment
+    in which they hold it, or in which it moves, the fixture is gone.
 
     Args:
         touching: (k,) number of fingers in contact.
         held: (k,) whether they hold it: enough of them, in balance.
         moved: (k - 1,) whether the object moves between neighbouring samples.
+        ratio: (k,) what is unbalanced over its tolerance; NaN in plans without forces.
 
     Returns:
         (k,) mask.
     """
-    k = len(touching)
     mask = touching == 0
-    mask[0] = not held[0]
-    for i in range(1, k):
-        mask[i] |= mask[i - 1] and not held[i] and not moved[i - 1]
-    for i in range(k - 2, -1, -1):
-        mask[i] |= mask[i + 1] and not held[i] and not moved[i]
+    mask[0] |= not held[0]
+    onward = ~moved & (~held[1:] | (ratio[1:] < ratio[:-1] - _SETTLED))
+    back = ~moved & (~held[:-1] | (ratio[:-1] < ratio[1:] - _SETTLED))
+    for i in range(1, len(mask)):
+        mask[i] |= mask[i - 1] and onward[i - 1]
+    for i in range(len(mask) - 2, -1, -1):
+        mask[i] |= mask[i + 1] and back[i]
     return mask

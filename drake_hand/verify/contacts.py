@@ -72,22 +72,28 @@ def pivot_slip(seen: Observed) -> np.ndarray:
 
 
 def free_tips_mm(gap_mm: np.ndarray, digits: np.ndarray, tolerance: float) -> np.ndarray:
-    """(k, F) how far FREE tips are inside their limit: `tolerance` away from the object.
+    """(k, F) by how much FREE tips break their limit, negative: their clearance; NaN where there is nothing to judge.
 
-    Where a finger lands or lifts off it may be nearer, and overlap by the tolerance: in the stretch between its
-    contact and the sample from which it is clear.
+    A FREE tip is further from the object than the contact tolerance, except on its way to or from a contact: there,
+    as long as the gap only grows away from the contact and the tip does get clear, it may overlap by the tolerance.
     """
-    depth = np.where(digits == FREE, tolerance - gap_mm, np.nan)
+    judged = np.where(gap_mm > tolerance, -gap_mm, tolerance - gap_mm)
+    judged[digits != FREE] = np.nan
     for f in range(digits.shape[1]):
-        near = (digits[:, f] == FREE) & (gap_mm[:, f] <= tolerance)
-        for first, end in runs(near):
-            contact_before = first > 0 and digits[first - 1, f] != FREE
-            contact_after = end < len(digits) and digits[end, f] != FREE
-            clear_before = first > 0 and not contact_before
-            clear_after = end < len(digits) and not contact_after
-            if (contact_before and clear_after) or (clear_before and contact_after):
-                depth[first:end, f] = -gap_mm[first:end, f] - tolerance
-    return depth
+        for first, end in runs(digits[:, f] == FREE):
+            gap = np.nan_to_num(gap_mm[first:end, f], nan=np.inf)
+            for way, touches in ((gap, first > 0), (gap[::-1], end < len(digits))):
+                n = _rising(way)
+                if touches and way[:n].max() > tolerance:
+                    rows = np.arange(first, first + n) if way is gap else np.arange(end - 1, end - 1 - n, -1)
+                    judged[rows, f] = np.where(way[:n] < -tolerance, -way[:n] - tolerance, np.nan)
+    return judged
+
+
+def _rising(values: np.ndarray) -> int:
+    """How many values there are before the first that is below the one before it (by more than a rounding error)."""
+    falls = np.flatnonzero(values[1:] < values[:-1] - 1e-6)
+    return int(falls[0]) + 1 if len(falls) else len(values)
 
 
 def sliding_velocity(seen: Observed) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_hand.model.scene import Scene
 from drake_hand.motion.plan import Plan
+from drake_hand.planning.task import Pose, Task
 from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
@@ -30,7 +31,7 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[Stage], fi
         for name in ("force_margin", "effort_ratio"):
             findings.add(name, np.full(1, np.nan), s.t[:1], s.part[:1])
     moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL
-    in_fixture = fixture(touching, held, moved)
+    in_fixture = fixture(touching, held, moved, balance)
     supported = np.zeros(len(s.t), dtype=bool)
     for stage in stages:
         if stage.step.push:
@@ -42,8 +43,16 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[Stage], fi
         drift = displacement(s.X_WO[first:end], s.X_WO[first : first + 1])
         findings.add("drift_mm", drift * 1000, s.t[first:end], s.part[first:end])
     own = ~in_fixture & ~supported
+    own[-1] |= _ends_held(task)
     findings.add("contacts", np.where(own, touching, np.nan), s.t, s.part, limit=float(task.options.min_contacts))
     findings.add("balance_ratio", np.where(own, balance, np.nan), s.t, s.part)
+
+
+def _ends_held(task: Task) -> bool:
+    """Whether the fingers still have the object when the motion is over."""
+    last = [step.kind for step in task.motion if step.kind in ("grasp", "release")]
+    in_grasp = isinstance(task.start, Pose) and bool(task.start.joints_deg)
+    return last[-1] == "grasp" if last else in_grasp
 
 
 def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.ndarray:

@@ -35,7 +35,7 @@ def _violations(plan: Plan) -> list[tuple[int, str]]:
         found.append((0, f"starts in mode {first}, but nothing is grasped yet"))
     if task.motion[-1].kind == "release" and last.strip("0"):
         found.append((len(plan.parts) - 1, f"ends in mode {last} after a release"))
-    return found + _fingers(plan) + _slides(plan)
+    return found + _lets_go(plan) + _loads(plan) + _fingers(plan) + _slides(plan)
 
 
 def _events(before: str, after: str, fingers: list[str]) -> list[str]:
@@ -45,6 +45,27 @@ def _events(before: str, after: str, fingers: list[str]) -> list[str]:
 
 def _touching(plan: Plan, mode: str) -> set[str]:
     return {finger for finger, digit in zip(plan.fingers, mode, strict=True) if digit != "0"}
+
+
+def _lets_go(plan: Plan) -> list[tuple[int, str]]:
+    """All fingers leave the object only before the first grasp, where the motion says release, and around pushes."""
+    kinds = [step.kind for step in plan.task.motion]
+    if "push" in kinds:
+        return []
+    empty = [i for i, part in enumerate(plan.parts) if not part.mode.strip("0")]
+    allowed = kinds.count("release") + (0 in empty)
+    return [(i, "lets go of the object, which the motion does not ask for") for i in empty[allowed:]]
+
+
+def _loads(plan: Plan) -> list[tuple[int, str]]:
+    """Plans that hold by forces carry them, and the joint offsets that exert them, wherever a finger touches."""
+    if plan.task.options.hold == "kinematic":
+        return []
+    return [
+        (i, "carries no contact forces or joint offsets")
+        for i, part in enumerate(plan.parts)
+        if part.contacts and (part.q_offset is None or any(c.f_W is None for c in part.contacts.values()))
+    ]
 
 
 def _fingers(plan: Plan) -> list[tuple[int, str]]:

@@ -123,7 +123,7 @@ class _Look:
         of_link = {link.index(): i for i, link in enumerate(self._links)}
         self._tip = {g: of_link[body.index()] for g, body in bodies.items() if body.index() in of_link}
         self._shapes = [next(g for g, i in self._tip.items() if i == f) for f in range(len(fingers))]
-        self._coupling = (scene.expand(np.eye(scene.hand.nq)) - scene.expand(np.zeros(scene.hand.nq))).T
+        self._coupling = scene.expand(np.eye(scene.hand.nq)) - scene.expand(np.zeros(scene.hand.nq))
         joints = [plant.get_joint(j) for j in plant.GetJointIndices(scene.hand_model)]
         self._columns = sorted(j.velocity_start() for j in joints if j.num_velocities() == 1)
 
