@@ -35,6 +35,20 @@ def skew(a: np.ndarray) -> np.ndarray:
     return out
 
 
+def material_jacobian(J: np.ndarray, Jw: np.ndarray, lever_W: np.ndarray) -> np.ndarray:
+    """Jacobian of the tip's material at the contact P, a lever r nhat short of the tip centre C: v_P = v_C + lever x w.
+
+    Args:
+        J: (N, 3, m) of C.
+        Jw: (N, 3, m) of the tip's orientation.
+        lever_W: (N, 3) from P to C, m.
+
+    Returns:
+        (N, 3, m).
+    """
+    return J + cross(lever_W[:, None], Jw.transpose(0, 2, 1)).transpose(0, 2, 1)
+
+
 def solve_least_squares(A: np.ndarray, b: np.ndarray, damping: float | np.ndarray = 0.0) -> np.ndarray:
     """Minimum-norm x of A x = b, batched: x = A^T (A A^T + damping^2 I)^-1 b by the 3x3 adjugate.
 

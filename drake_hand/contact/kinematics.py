@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.chain import FingerKinematics, cross, skew, solve_least_squares
+from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
 from drake_hand.contact.rolling import Model
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
@@ -262,7 +262,7 @@ class _Instant:
     def constraint(self) -> np.ndarray:
         """A (N, 3, m): A v is the velocity of C, or of the tip's material at P where it rolls."""
         _, J, Jw = self.tip
-        return J + skew(self.lever) @ Jw if self.block.rolls else J
+        return material_jacobian(J, Jw, self.lever) if self.block.rolls else J
 
     @cached_property
     def demand(self) -> np.ndarray:
