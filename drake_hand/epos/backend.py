@@ -31,5 +31,5 @@ class Backend(Protocol):
     def playing(self, axis: AxisState) -> bool:
         """Whether the drive is in the motion, as far as it shows."""
 
-    def low(self, axis: AxisState) -> bool:
-        """Whether the drive is about to run out of set values."""
+    def low(self, j: int, axis: AxisState) -> bool:
+        """Whether the drive is about to run out of set values at step j."""

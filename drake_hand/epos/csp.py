@@ -44,6 +44,6 @@ class CspBackend:
         """As bit 12 of the status word says: it follows its target."""
         return axis.active
 
-    def low(self, axis: AxisState) -> bool:
+    def low(self, j: int, axis: AxisState) -> bool:
         """Never: there is no queue."""
         return False

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +23,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.player import Player
+from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import Schedule
 from drake_hand.errors import DriveError, InputError
@@ -33,8 +32,6 @@ from drake_hand.motion.plan import Plan
 PROGRESS_S = 0.2
 _BEATS = 4
 """Heartbeat periods a drive is given to be heard."""
-_SWITCH_S = 5e-4
-"""Longest time another thread keeps the interpreter from the bus thread."""
 
 
 class Refused(DriveError):
@@ -226,7 +223,7 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
     drives = schedule.drives
     player = Player(schedule, master.send)
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    with _quiet_interpreter(), _signals(player):
+    with quiet_interpreter(), _signals(player):
         master.attach(player, schedule.period)
         try:
             while not player.done.wait(PROGRESS_S):
@@ -276,20 +273,6 @@ def _with_history(master: Master, fault: Fault) -> Fault:
     except SdoError:
         return fault
     return msgspec.structs.replace(fault, history=history)
-
-
-@contextmanager
-def _quiet_interpreter() -> Iterator[None]:
-    """No garbage collection over what exists already, and short turns for other threads."""
-    before = sys.getswitchinterval()
-    gc.collect()
-    gc.freeze()
-    sys.setswitchinterval(_SWITCH_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
-        gc.unfreeze()
 
 
 @contextmanager

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import threading
 import time
 from collections import deque
@@ -22,6 +21,7 @@ import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
+from drake_hand.epos import realtime
 from drake_hand.epos.drives import BusSpec
 from drake_hand.epos.objects import DEVICE_TYPE, Obj, abort_words
 from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE, MASTER_NODE, NMT_COB, SDO_RX_BASE, SDO_TX_BASE
@@ -91,7 +91,7 @@ def open_bus(spec: BusSpec, interface: str | None = None, channel: str | None = 
     """
     arguments = spec.arguments(interface, channel)
     try:
-        bus = can.Bus(**arguments)
+        bus = spec.open(interface, channel)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as e:
         raise InputError(
             "cannot open the CAN bus",
@@ -219,9 +219,7 @@ class Master:
         self._cyclic = None
 
     def _run(self) -> None:
-        with contextlib.suppress(AttributeError, OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-            self.realtime = True
+        self.realtime = realtime.claim()
         while not self._closing.is_set():
             try:
                 self._step()

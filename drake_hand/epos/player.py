@@ -244,7 +244,7 @@ class Player:
             for axis, backend in zip(self.axes, self._backends, strict=True):
                 for record in backend.feed(self.step, axis):
                     self._put_record(axis, record)
-                if backend.low(axis):
+                if backend.low(self.step, axis):
                     raise _Stop("queue", f"PVT queue low: {axis.queued} records", axis)
             self._check_in_step()
         self._moving = False

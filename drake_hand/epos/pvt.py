@@ -63,7 +63,7 @@ class PvtBackend:
 
         Drives take turns so that the records of all do not come in the same period.
         """
-        room = self._target - self._waiting(axis)
+        room = self._target - axis.queued - self._flying
         turn = (j + self._phase) % self._every == 0
         count = min(2 if room > 2 else 1 if room > 0 and turn else 0, len(self._records) - self._next)
         records = self._records[self._next : self._next + count]
@@ -71,14 +71,10 @@ class PvtBackend:
         self._flying = count + (self._flying if axis.missed else 0)
         return records
 
-    def _waiting(self, axis: AxisState) -> int:
-        """Records in the drive when it last answered, and those sent since."""
-        return axis.queued + self._flying
-
     def playing(self, axis: AxisState) -> bool:
         """As bit 12 of the status word says."""
         return axis.active
 
-    def low(self, axis: AxisState) -> bool:
-        """Few records queued, though not all are sent."""
-        return self._next < len(self._records) and self._waiting(axis) < self._low
+    def low(self, j: int, axis: AxisState) -> bool:
+        """Few records queued, and fewer than the motion still needs; what is under way may not arrive."""
+        return axis.queued < min(self._low, len(self._records) - j // self._every - 2)

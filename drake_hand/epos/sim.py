@@ -19,7 +19,7 @@ import can
 import msgspec
 import numpy as np
 
-from drake_hand.epos import pdo, sim_faults
+from drake_hand.epos import pdo, realtime, sim_faults
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim_axis import STEP_S
 from drake_hand.epos.sim_drive import SimulatedDrive
@@ -166,6 +166,7 @@ class SimulatedDrives:
     # --- the thread
 
     def _run(self) -> None:
+        realtime.claim()
         try:
             while not self._stop.is_set():
                 wait = self._tick if not self._later else min(max(self._later[0][0] - time.time(), 0.0), self._tick)

@@ -1,0 +1,446 @@
+"""Every row of the fault table, many times, at random moments of a motion: do the invariants hold, how fast is it?
+
+    python benchmarks/fault_table.py --seeds 20 [--markdown docs/faults.md]
+
+Fifteen simulated drives on a ``virtual`` bus in this process, real clocks and threads. Times are counted from the moment
+the fault happens (where a drive sends a message, from that message; where a motor runs away from its demand, from the
+moment it is past the share of its window at which the master acts), in SYNC periods: `frames` until the last stop frame
+is sent, `stopped` until the last of the other drives has left the motion.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import can
+import msgspec
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from swing import swing
+
+from drake_hand.epos import executor, pdo
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.objects import IDENTITY, DriveType
+from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim_faults import Fault, kind_of
+from drake_hand.epos.sim_timeline import Event, Header, Row, read_timeline
+from drake_hand.epos.state import Control, State
+from drake_hand.epos.stops import FOLLOWING_SHARE
+
+MOTION_S = 1.2
+ARM_SYNC = 70
+"""The fault's random moment is counted from this SYNC, when the plan has begun."""
+WITHIN_S = 0.7
+STAMP_S = 1.1e-3
+"""How much before a frame the simulated drives may date what it did."""
+BY_ITSELF_S = 0.27
+"""Time in which a drive without a master has to leave the motion: its heartbeat consumer time and one look."""
+_STOPPED = {s.value for s in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION, State.FAULT, State.SWITCH_ON_DISABLED)}
+_channels = itertools.count()
+
+
+class Tap:
+    """A bus that notes what the master sends and hears, and can be held up or cut.
+
+    Args:
+        bus: the master's.
+        arm: called once, at the SYNC of number `ARM_SYNC`.
+    """
+
+    def __init__(self, bus: can.BusABC, arm: Callable[[], None]) -> None:
+        self._bus, self._arm = bus, arm
+        self.channel_info = bus.channel_info
+        self.sent: list[tuple[float, int, bytes]] = []
+        self.heard: list[tuple[float, int, bytes]] = []
+        self.syncs = 0
+        self.hold_s = 0.0
+        self.held_until = 0.0
+        self.refuses = False
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        """Passes a frame on."""
+        if self.refuses:
+            raise can.CanOperationError("Transmit buffer full")
+        self.sent.append((time.time(), message.arbitration_id, bytes(message.data)))
+        self._bus.send(message, timeout)
+        if message.arbitration_id == pdo.SYNC_COB:
+            self.syncs += 1
+            if self.syncs == ARM_SYNC:
+                self._arm()
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Waits for a frame."""
+        if self.hold_s:
+            time.sleep(self.hold_s)
+            self.hold_s, self.held_until = 0.0, time.time()
+        message = self._bus.recv(timeout)
+        if message:
+            self.heard.append((time.time(), message.arbitration_id, bytes(message.data)))
+        return message
+
+
+@dataclass(kw_only=True)
+class Trial:
+    """One run with one fault."""
+
+    drives: Drives
+    victim: str
+    """Joint of the drive that suffers."""
+    sim: SimulatedDrives
+    rng: np.random.Generator
+    tap: Any = None
+    acted: float = 0.0
+    progress: Callable[[Any], None] = lambda _: None
+    faults: list[Fault] = field(default_factory=list)
+
+    def inject(self, kind: Any, **more: Any) -> None:
+        """Lets a drive suffer now."""
+        self.sim.inject(Fault(kind=kind, joint=more.pop("joint", self.victim), **more))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A row of the fault table."""
+
+    name: str
+    act: Callable[[Trial], None]
+    kinds: tuple[str, ...]
+    """What the run may be stopped by."""
+    target: float | None
+    """SYNC periods until every other drive has left the motion; None where the cause takes that away."""
+    types: tuple[str, ...] = ("epos2", "epos4", "epos1", "mix")
+    since: Literal["fault", "message", "threshold"] = "fault"
+    """What time is counted from: the fault, the first EMCY or boot-up after it, a motor past its share of the window."""
+    reachable: bool = True
+    """Whether all drives can be read back."""
+    why: str = ""
+    """What explains a number."""
+
+
+def _raise_in_main(trial: Trial) -> None:
+    def fail(_: object) -> None:
+        raise RuntimeError("raised on purpose")
+
+    trial.progress = fail
+
+
+def _emcy(code: int) -> Callable[[Trial], None]:
+    return lambda t: t.inject("emcy", code=code)
+
+
+CASES = (
+    Case(
+        name="EMCY, drive disables at once (over-current)",
+        act=_emcy(0x2310),
+        kinds=("emcy", "fault"),
+        target=2,
+        since="message",
+    ),
+    Case(
+        name="EMCY, fault reaction (position limit)",
+        act=_emcy(0x8A82),
+        kinds=("emcy", "fault"),
+        target=2,
+        since="message",
+    ),
+    Case(
+        name="EMCY, abort option (CAN passive)", act=_emcy(0x8120), kinds=("emcy", "fault"), target=2, since="message"
+    ),
+    Case(
+        name="following error grows: motor runs away",
+        act=lambda t: t.inject("following_error", rate_counts_s=float(t.rng.choice([-1, 1]) * t.rng.uniform(150, 400))),
+        kinds=("following",),
+        target=2,
+        since="threshold",
+    ),
+    Case(name="axis stuck", act=lambda t: t.inject("stuck"), kinds=("following",), target=2, since="threshold"),
+    Case(
+        name="3 TPDOs in a row missing",
+        act=lambda t: t.inject("lost", frames=["status"], direction="tx"),
+        kinds=("silent",),
+        target=4,
+        why="3 missing answers are known when the 4th SYNC is due",
+    ),
+    Case(
+        name="PVT records lost: queue runs low",
+        act=lambda t: t.inject("lost", frames=["record"], direction="rx"),
+        kinds=("queue",),
+        target=32,
+        types=("epos2", "mix2"),
+        why="0.4 s queued, stopped at 0.1 s left",
+    ),
+    Case(
+        name="drive heartbeat lost",
+        act=lambda t: t.inject("heartbeat_loss"),
+        kinds=("heartbeat",),
+        target=27,
+        why="250 ms after the last heartbeat heard",
+    ),
+    Case(
+        name="cable of one drive cut",
+        act=lambda t: t.inject("lost"),
+        kinds=("silent",),
+        target=4,
+        reachable=False,
+        why="as missing TPDOs",
+    ),
+    Case(name="one drive bus off", act=lambda t: t.inject("bus_off"), kinds=("silent",), target=4, reachable=False),
+    Case(
+        name="cable of all drives cut",
+        act=lambda t: t.inject("lost", joint="all"),
+        kinds=("silent",),
+        target=28,
+        reachable=False,
+        why="the drives stop themselves, 250 ms after the last heartbeat they heard",
+    ),
+    Case(
+        name="the master's bus takes no frames",
+        act=lambda t: setattr(t.tap, "refuses", True),
+        kinds=("bus",),
+        target=28,
+        reachable=False,
+        why="the drives stop themselves, as above",
+    ),
+    Case(name="Ctrl-C", act=lambda _: os.kill(os.getpid(), signal.SIGINT), kinds=("interrupt",), target=2),
+    Case(name="SIGTERM", act=lambda _: os.kill(os.getpid(), signal.SIGTERM), kinds=("interrupt",), target=2),
+    Case(
+        name="exception in the main thread",
+        act=_raise_in_main,
+        kinds=("internal",),
+        target=None,
+        why="raised by the progress callback, which runs every 200 ms",
+    ),
+    Case(
+        name="SYNC late > 1 T",
+        act=lambda t: setattr(t.tap, "hold_s", t.drives.bus.sync_ms * 1e-3 * t.rng.uniform(2.2, 4)),
+        kinds=("late",),
+        target=1,
+        types=("epos4", "epos1", "mix"),
+        why="from when the thread runs again",
+    ),
+    Case(
+        name="boot-up mid-run",
+        act=lambda t: t.inject("nmt_reset"),
+        kinds=("reboot", "fault"),
+        target=1,
+        since="message",
+    ),
+)
+
+
+def drives_of(types: str, sync_ms: int = 10) -> Drives:
+    """The bundled drives, of one type or (``mix``) of all three, or (``mix2``) of two in turn."""
+    kanguera = Drives.load()
+    bus = msgspec.structs.replace(kanguera.bus, sync_ms=sync_ms)
+    cycles: dict[str, list[DriveType]] = {"mix": ["epos2", "epos4", "epos1"], "mix2": ["epos2", "epos4"]}
+    cycle = itertools.cycle(cycles.get(types, [types]))  # type: ignore[list-item]
+    made = tuple(replace(d, type=t, identity=IDENTITY[t]) for d, t in zip(kanguera.drives, cycle, strict=False))
+    return replace(kanguera, drives=made, bus=bus)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a run showed."""
+
+    frames: float
+    """SYNC periods from the cause to the last stop frame; NaN where there is no such time."""
+    stopped: float
+    """SYNC periods from the cause to the last of the other drives leaving the motion."""
+    syncs: int
+    """SYNCs in that time: independent of how late they were."""
+    ramp_ms: float
+    """From there until the last of their motors rests."""
+    violations: list[str]
+
+
+def run_case(case: Case, seed: int, sync_ms: int = 10) -> Outcome:
+    """One run of a row.
+
+    Args:
+        case: the row.
+        seed: of drive types, drive, moment and strength.
+        sync_ms: SYNC period.
+    """
+    rng = np.random.default_rng([seed, CASES.index(case)])
+    drives = drives_of(case.types[seed % len(case.types)], sync_ms)
+    plan = swing(drives.joints, MOTION_S, amplitude_deg=40, swings=2)
+    channel = f"faults-{next(_channels)}"
+    candidates = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
+    with tempfile.TemporaryDirectory() as folder:
+        timeline = Path(folder) / "timeline.jsonl"
+        with can.Bus(interface="virtual", channel=channel) as a, can.Bus(interface="virtual", channel=channel) as b:
+            sim = SimulatedDrives(b, drives, log=timeline, seed=seed)
+            trial = Trial(drives=drives, victim=str(rng.choice(candidates)), sim=sim, rng=rng)
+
+            def act() -> None:
+                trial.acted = time.time()
+                case.act(trial)
+
+            timer = threading.Timer(float(rng.uniform(0, WITHIN_S)), act)
+            trial.tap = Tap(a, timer.start)
+            log = Path(folder) / "run.npz"
+            with sim:
+                answer = _execute(plan, trial, log)
+                timer.cancel()
+        header, rows, events = read_timeline(timeline)
+    return _judge(case, trial, answer, header, rows, events)
+
+
+def _execute(plan: Any, trial: Trial, log: Path) -> dict | None:
+    try:
+        return executor.execute(plan, trial.drives, trial.tap, log=log, progress=lambda p: trial.progress(p)).answer()
+    except RuntimeError:
+        return None  # the one raised on purpose
+
+
+def _judge(
+    case: Case, trial: Trial, answer: dict | None, header: Header, rows: list[Row], events: list[Event]
+) -> Outcome:
+    T = trial.drives.bus.sync_ms * 1e-3
+    # a row whose victim still reacts like the others counts it among them
+    others = [
+        j for j in header.joints if j != trial.victim or case.kinds[0] in ("interrupt", "internal", "late", "bus")
+    ]
+    begun = _cause(case, trial, header, rows, events)
+    left = {
+        j: min((e.t for e in events if e.joint == j and e.event == "state" and e.what in _STOPPED and e.t >= begun - STAMP_S),
+               default=np.inf)
+        for j in others
+    }  # fmt: skip
+    stopped = max(left.values())
+    stops = [
+        t for t, cob, data in trial.tap.sent if kind_of(cob) == "stop" and data[0] == Control.QUICK_STOP and t >= begun
+    ]
+    first_stops = stops[: len(header.joints)]
+    resting = _resting(rows, [header.joints.index(j) for j in others], stopped)
+    return Outcome(
+        frames=(max(first_stops) - begun) / T if first_stops else np.nan,
+        stopped=(stopped - begun) / T,
+        syncs=sum(1 for r in rows if r.sync is not None and begun < r.t <= stopped + 1e-6),
+        ramp_ms=(resting - stopped) * 1e3,
+        violations=list(_violations(case, trial, answer, header, events, begun, stopped)),
+    )
+
+
+def _cause(case: Case, trial: Trial, header: Header, rows: list[Row], events: list[Event]) -> float:
+    """When the clock of the row begins."""
+    if trial.tap.held_until:
+        return trial.tap.held_until
+    injected = next((e.t for e in events if e.event == "fault"), trial.acted)
+    if case.since == "fault":
+        return injected
+    if case.since == "message":
+        said = (
+            (t, d)
+            for t, cob, d in trial.tap.heard
+            if kind_of(cob) == "emcy" or (kind_of(cob), d) == ("heartbeat", b"\0")
+        )
+        return next((t for t, _ in said if t >= injected), np.inf)
+    i = header.joints.index(trial.victim)
+    limit = FOLLOWING_SHARE * trial.drives.drives[i].following_error_counts
+    return next((r.t for r in rows if r.t >= injected and abs(r.demand[i] - r.position[i]) > limit), np.inf)
+
+
+def _resting(rows: list[Row], columns: list[int], since: float) -> float:
+    """When the last motor of these came to rest, to a row."""
+    after = [r for r in rows if r.t >= since]
+    positions = np.array([[r.position[i] for i in columns] for r in after])
+    if len(positions) < 2:
+        return since
+    moving = np.flatnonzero((np.abs(np.diff(positions, axis=0)) > 1.0).any(axis=1))
+    return after[moving[-1] + 1].t if len(moving) else after[0].t
+
+
+def _violations(
+    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[Event], begun: float, stopped: float
+) -> Any:
+    """What the invariants say."""
+    sent, heard = trial.tap.sent, trial.tap.heard
+    first_enable = min(
+        (t for t, cob, d in sent if kind_of(cob) == "command" and d[0] == Control.ENABLE), default=np.inf
+    )
+    configured = max(t for t, cob, _ in heard if kind_of(cob) == "sdo" and t < first_enable)
+    operational = {
+        cob & 0x7F for t, cob, d in heard if kind_of(cob) == "heartbeat" and d[0] == 0x05 and t < first_enable
+    }
+    if any(e.event == "state" and e.what == State.OPERATION_ENABLED.value and e.t < configured for e in events):
+        yield "a drive was enabled before all were configured"
+    if not operational >= set(header.nodes):
+        yield "a drive was enabled before all were heard"
+    if not np.isfinite(stopped):
+        yield "a drive did not leave the motion"
+    alone = [
+        e.t for e in events if e.joint == trial.victim and e.event == "state" and e.what in _STOPPED and e.t >= begun
+    ]
+    if not case.reachable and not (alone and min(alone) - begun <= BY_ITSELF_S):
+        yield "the drive that was cut off did not stop by itself"
+    states = trial.sim.states
+    if case.reachable and any(s.powered for s in states.values()):
+        yield f"still powered: {[j for j, s in states.items() if s.powered]}"
+    if answer is None:
+        return
+    if answer["ok"] or not answer["faults"]:
+        yield "the run says that nothing happened"
+    elif answer["faults"][0]["kind"] not in case.kinds:
+        yield f"stopped by {answer['faults'][0]['kind']}, not {case.kinds}: {answer['faults'][0]['text']}"
+    if answer["disabled"] != case.reachable:
+        yield f"disabled {answer['disabled']}, not disabled {answer['not_disabled']}"
+    unnamed = [j for j, s in states.items() if s.powered and j not in answer["not_disabled"]]
+    if unnamed:
+        yield f"powered and not named: {unnamed}"
+
+
+def table(seeds: int, say: Callable[[str], None]) -> tuple[str, int]:
+    """Runs all rows; the table as markdown, and the number of runs in which an invariant did not hold."""
+    lines = [
+        "| fault | runs | frames: median, worst | stopped: median, worst | SYNCs worst | target | ramp ms worst | why |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    broken = 0
+    for case in CASES:
+        outcomes = [run_case(case, seed) for seed in range(seeds)]
+        for seed, outcome in enumerate(outcomes):
+            broken += bool(outcome.violations)
+            for violation in outcome.violations:
+                say(f"{case.name}, seed {seed}: {violation}")
+        frames, stopped = (np.array([getattr(o, k) for o in outcomes]) for k in ("frames", "stopped"))
+        told = f"{np.nanmedian(frames):.2f}, {np.nanmax(frames):.2f}" if np.isfinite(frames).any() else "-"
+        lines.append(
+            f"| {case.name} | {seeds} | {told} | {np.median(stopped):.2f}, {stopped.max():.2f} |"
+            f" {max(o.syncs for o in outcomes)} | {'-' if case.target is None else f'{case.target:g}'} |"
+            f" {max(o.ramp_ms for o in outcomes):.0f} | {case.why} |"
+        )
+        say(lines[-1])
+    return "\n".join(lines), broken
+
+
+def main() -> int:
+    """Prints the table; exit status 1 when an invariant did not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--markdown", type=Path, help="replace the table in this file")
+    arguments = parser.parse_args()
+    text, broken = table(arguments.seeds, lambda line: print(line, file=sys.stderr, flush=True))
+    print(text)
+    print(f"\n{broken} of {len(CASES) * arguments.seeds} runs broke an invariant")
+    if arguments.markdown:
+        before, mark, rest = arguments.markdown.read_text().partition("<!-- table -->\n")
+        after = rest.partition("<!-- end -->")
+        arguments.markdown.write_text(f"{before}{mark}{text}\n<!-- end -->{after[2]}")
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
