@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,8 @@ def mirror(
 ) -> int:
     """Show the hand as measured (solid) and as commanded (ghost), live, until Ctrl-C.
 
-    It listens on the bus beside `execute` and never sends a frame. Given the record of a run, it replays that instead.
+    It listens on the bus beside `execute` and never sends a frame. Given the record of a run, it replays that instead,
+    over and over.
 
     ```console
     $ drake-hand mirror
@@ -60,7 +62,7 @@ def mirror(
         else:
             record = RunRecord.load(run)
             joints = tuple(record.header.joints)
-            poses = replay(record, _PERIOD_S)
+            poses = chain.from_iterable(replay(record, _PERIOD_S) for _ in count())
         view = stack.enter_context(open_view(urdf, joints))
         print(view.url, flush=True)
         try:

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.objects import IDENTITY, DriveType, Identity
 from drake_hand.epos.pdo import MASTER_NODE
 from drake_hand.errors import InputError, nearest
@@ -28,53 +29,12 @@ SUFFIX = ".drives.yaml"
 MAX_CONDITION = 100.0
 """Largest condition number of a coupling matrix: beyond it one count at a motor moves a joint by a hundred."""
 
-UDP_GROUP, UDP_PORT = "239.74.163.2", 43113
-"""Where python-can's udp_multicast meets by default."""
-_CHANNELS = {"udp_multicast": UDP_GROUP, "virtual": "drake-hand"}
-
 _Positive = Annotated[float, Meta(gt=0)]
-_Milliseconds = Annotated[int, Meta(ge=1, le=65535)]
 _S32 = 2**31 - 1
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """Unknown keys are errors."""
-
-
-class BusSpec(_Strict, frozen=True, kw_only=True):
-    """The CAN bus and its clocks."""
-
-    interface: str = "socketcan"
-    """Any python-can interface: socketcan, slcan, pcan, virtual, udp_multicast, ..."""
-    channel: str = "can0"
-    bitrate: Annotated[int, Meta(gt=0)] = 1_000_000
-    sync_ms: Annotated[int, Meta(ge=1, le=100)] = 10
-    heartbeat_ms: _Milliseconds = 100
-    """Producer time, of the master and of each drive."""
-    heartbeat_consumer_ms: _Milliseconds = 250
-    """A heartbeat not heard for so long is lost, both ways."""
-
-    def arguments(self, interface: str | None = None, channel: str | None = None) -> dict[str, Any]:
-        """Arguments of `can.Bus` for this bus, or for another interface or channel.
-
-        The channel of ``udp_multicast`` may name a port, ``239.74.163.2:43113`` (the default); its frames never leave
-        this machine.
-
-        Raises:
-            InputError: no port, or another interface without a channel.
-        """
-        name = interface or self.interface
-        place = channel or (self.channel if name == self.interface else _CHANNELS.get(name))
-        if place is None:
-            raise InputError(f"interface '{name}' needs a channel", key="channel", expected="--channel C")
-        if name == "virtual":
-            return {"interface": name, "channel": place}
-        if name != "udp_multicast":
-            return {"interface": name, "channel": place, "bitrate": self.bitrate}
-        group, _, port = place.partition(":") if "." in place else (place, "", "")
-        if port and not (port.isdecimal() and 0 < int(port) < 65536):
-            raise InputError("not a port", key="channel", found=place, expected="239.74.163.2:43113")
-        return {"interface": name, "channel": group, "port": int(port or UDP_PORT), "hop_limit": 0}
 
 
 class DriveSpec(_Strict, frozen=True, kw_only=True):

@@ -156,10 +156,10 @@ class _HandModel:
         self._q[np.array(self._columns)[known]] = q[known]
         self._urdf.update_cfg(self._q)
         for link in self._links:
-            X_WL = self._urdf.get_transform(link)
+            X_WL = np.array(self._urdf.get_transform(link), float)  # a copy: yourdfpy keeps changing its own
             if link not in self._shown or np.abs(X_WL - self._shown[link]).max() > _STILL:
                 self._shown[link] = X_WL
-                self._path[link].set_transform(np.asarray(X_WL, float))
+                self._path[link].set_transform(X_WL)
 
 
 class MirrorView:

@@ -22,7 +22,8 @@ import can
 import msgspec
 import numpy as np
 
-from drake_hand.epos.drives import UDP_GROUP, BusSpec, Drives
+from drake_hand.epos.bus import UDP_GROUP, BusSpec
+from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim import SimulatedDrives
 from drake_hand.epos.sim_faults import Fault, FaultsFile
 from drake_hand.errors import DrakeHandError, DriveError
@@ -55,7 +56,7 @@ class SpawnedDrives:
 
     def open_bus(self) -> can.BusABC:
         """Opens a bus to them; the caller shuts it down."""
-        return can.Bus(**BusSpec().arguments(self.interface, self.channel))
+        return BusSpec().open(self.interface, self.channel)
 
     def inject(self, fault: Fault) -> None:
         """Lets a fault happen now."""
@@ -170,7 +171,7 @@ def _child() -> int:
     setup = msgspec.json.decode(commands.readline(), type=Setup)
     try:
         drives = Drives.load(setup.drives)
-        with can.Bus(**drives.bus.arguments("udp_multicast", setup.channel)) as bus:
+        with drives.bus.open("udp_multicast", setup.channel) as bus:
             simulated = SimulatedDrives(
                 bus,
                 drives,

@@ -219,11 +219,15 @@ with open_view(urdf, drives.joints) as view:
     view._server.send = lambda command: (sent.append(command.lower()), inner(command))
     view.show(Pose(t=0.0, commanded=q, measured=np.where(np.arange(15) == 0, np.nan, 0.0)))
     view.show(Pose(t=0.0, commanded=q, measured=np.zeros(15)))
+    n = len(sent)
+    view.show(Pose(t=0.0, commanded=q * 1.1, measured=np.zeros(15)))
+    again = len(sent) - n
     page = urllib.request.urlopen(view.url).status
     moved = sorted({c["path"].split("/")[3] for c in sent})
 print(json.dumps({
     "page": page,
     "moved": moved,
+    "again": again,
     "links": sum("little" in c["path"] for c in sent),
     "left": [t.name for t in threading.enumerate() if t.name == "mirror server"],
     "loaded": [m for m in ("pydrake", "matplotlib.pyplot") if m in sys.modules],
@@ -237,6 +241,7 @@ def test_view_moves_the_ghost_serves_a_page_and_ends():
     assert said["page"] == 200
     assert said["moved"] == ["commanded"]
     assert said["links"] >= 3
+    assert said["again"] >= 15
     assert said["left"] == []
     assert said["loaded"] == []
 
