@@ -84,7 +84,7 @@ def _drake_solvers(hand: Hand) -> list[Solver]:
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(hand.palm))
     plant.Finalize()
     middle = (plant.GetPositionLowerLimits() + plant.GetPositionUpperLimits()) / 2
-    # SNOPT oversteps a bound by up to 1e-6; half the diagonal of the box stays within the tolerance all the same.
+    # SNOPT oversteps bounds by up to 1e-6 m: the corners of a box of 0.4 of the tolerance stay within it all the same.
     snopt, box = SnoptSolver(), np.full(3, 0.4 * TOLERANCE)
 
     def solver(f: Finger) -> Solver:

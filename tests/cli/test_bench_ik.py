@@ -18,7 +18,7 @@ def test_the_baseline_reaches_the_same_residual():
     hand, rng = Hand.load("kanguera"), np.random.default_rng(0)
     for f, solve in zip(hand.fingers, bench_ik._drake_solvers(hand), strict=True):
         kinematics = FingerKinematics.of(hand, f)
-        target = kinematics.fk(rng.uniform(kinematics.lower, kinematics.upper, (8, 3)))[0]
+        target = kinematics.fk(rng.uniform(kinematics.lower, kinematics.upper, (40, 3)))[0]
         q = np.array([solve(p) for p in target])
         residual = np.linalg.norm(kinematics.fk(q)[0] - target, axis=1)
         assert (residual <= bench_ik.TOLERANCE).mean() > 0.9
