@@ -265,5 +265,7 @@ def _print_certificate(certificate: Certificate) -> None:
             for name, w in certificate.worst.items()
         ],
     )
+    if certificate.worst["force_margin"].value is None:
+        print("hold: kinematic - the plan closes the loops; no contact forces were planned or checked")
     for failure in certificate.failures:
         print(f"fails: {failure}")

@@ -83,11 +83,11 @@ def certificate_facts(certificate: Certificate) -> list[Fact]:
     """The worst values a person asks for first, and whatever fails."""
     names = [*FIRST, *(name for name, w in certificate.worst.items() if not w.ok and name not in FIRST)]
     found = [(name, certificate.worst[name]) for name in names if name in certificate.worst]
-    return [(name, f"{round(w.value, 4):g}", w.ok) for name, w in found if w.value is not None]
+    return [(name, "none, kinematic" if w.value is None else f"{round(w.value, 4):g}", w.ok) for name, w in found]
 
 
 def _turn(plan: Plan) -> list[float]:
-    """How far the object has turned at equally spaced times, deg, about the axis it turns about most; winding counts."""
+    """How far the object has turned at equally spaced times, deg, about the axis it turns about most, with winding."""
     t = np.linspace(0.0, plan.duration, 400)
     rotation = cumulative_trapezoid(Trajectory(plan).at(t).V_WO[:, :3], t, axis=0, initial=0.0)
     largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]

@@ -46,7 +46,8 @@ def test_card_shows_what_was_asked_first_and_whatever_fails(sample_plan):
     found = {"rest": worst(3e-17, True), "slip_mm": worst(3e-17, True), "effort_ratio": worst(1.5, False)}
     found["force_margin"] = worst(None, True)
     certificate = Certificate(certified=False, samples=1, worst=found, failures=[], plan_hash="")
-    assert certificate_facts(certificate) == [("slip_mm", "0", True), ("effort_ratio", "1.5", False)]
+    facts = [("slip_mm", "0", True), ("force_margin", "none, kinematic", True), ("effort_ratio", "1.5", False)]
+    assert certificate_facts(certificate) == facts
 
 
 def test_card_counts_turns_with_winding(sample_plan):
