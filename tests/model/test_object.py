@@ -92,6 +92,8 @@ def test_separate_convex_pieces_stay_separate(tmp_path):
     tube.export(tmp_path / "tube.stl")
     (hull,) = Object.load(tmp_path / "tube.stl").geometries
     assert hull.to_trimesh().volume == pytest.approx(np.pi * 0.02**2 * 0.03, rel=0.05)
+    trimesh.util.concatenate([tube, tube.copy().apply_translation([0.05, 0, 0])]).export(tmp_path / "tubes.stl")
+    assert len(Object.load(tmp_path / "tubes.stl").geometries) == 1
 
 
 SDF = """<sdf version="1.7"><model name="can"><link name="tin"><pose>1 2 3 0 0 0</pose>

@@ -74,6 +74,17 @@ def test_shadow_s_abbreviations_are_understood(small):
     assert [f.name for f in propose(Urdf.load(file)).spec.fingers] == ["index", "thumb"]
 
 
+def test_tip_sphere_is_fitted_into_the_end_of_a_shape(small):
+    file = small().with_name("small.urdf")
+    stick = '<origin xyz="0 0 0.02"/><geometry><cylinder radius="0.006" length="0.04"/></geometry>'
+    head, last = file.read_text().rsplit('<geometry><sphere radius="0.01"/></geometry>', 1)
+    file.write_text(head + stick + last)
+    tip = propose(Urdf.load(file)).spec.fingers[1].tip
+    assert tip.link == "b_tip"
+    assert tip.radius_mm == pytest.approx(6, abs=0.1)
+    assert tip.xyz_mm == pytest.approx((0, 0, 34), abs=0.1)
+
+
 def test_missing_limits_are_guessed_and_said(small):
     limit = '<limit lower="-1" upper="1.5" velocity="2" effort="0.5"/>'
     text = small().with_name("small.urdf")

@@ -47,6 +47,12 @@ def test_massless_moving_body_gets_a_gram(small):
     assert _named(robot, "a_tip").find("inertial/mass").get("value") == "0.001"
 
 
+def test_massless_root_stays_since_it_does_not_move(small):
+    robot, report = readable(Urdf.load(_massless(small, "base")), str)
+    assert _named(robot, "base").find("inertial") is None
+    assert not [line for line in report if "mass" in line]
+
+
 def test_massless_link_fixed_to_a_heavy_one_stays(small):
     frame = (
         '<link name="frame"/><joint name="f" type="fixed"><parent link="b_tip"/><child link="frame"/></joint></robot>'

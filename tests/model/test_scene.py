@@ -194,6 +194,16 @@ def test_pieces_of_a_mesh_collide_where_they_are(kanguera, tmp_path):
     assert [pair for pair in scene.penetrations() if "middle_tip" in pair[:2]]
 
 
+def test_shapes_are_where_the_object_s_file_puts_them(kanguera, tmp_path):
+    shape = '<origin xyz="0.05 0 0" rpy="0 1.5707963 0"/><geometry><cylinder radius="0.004" length="0.04"/></geometry>'
+    text = f'<robot name="rod"><link name="rod"><collision>{shape}</collision></link></robot>'
+    (tmp_path / "rod.urdf").write_text(text)
+    scene = Scene(kanguera, Object.load(tmp_path / "rod.urdf"))
+    scene.set(kanguera.q_home, pose(*(scene.tip_position("middle") + np.array([-0.1, 0, 0.0]))))
+    distances = [d for a, b, d in scene.clearances(0.05) if {a, b} == {"middle_tip", "rod"}]
+    assert distances == pytest.approx([0.05 - 0.02 - 0.007], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
