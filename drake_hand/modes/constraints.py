@@ -22,6 +22,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.modes.situation import object_surface
 
+LIMITS = "joint limits"
 MINIMUM_DISTANCE = "minimum distance"
 """Description of the constraint on all pairs but fingertips in contact and the object."""
 
@@ -207,7 +208,7 @@ def _describe_what_drake_added(scene: Scene, ik: InverseKinematics) -> None:
             follower = next(n for n in names if n not in scene.hand.joints)
             constraint.set_description(f"coupling[{follower}]")
         elif isinstance(constraint, BoundingBoxConstraint):
-            constraint.set_description("joint limits")
+            constraint.set_description(LIMITS)
 
 
 def _hold_point(scene: Scene, ik: InverseKinematics, finger: Finger, p_OC: np.ndarray) -> None:

@@ -10,7 +10,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.solvers import SnoptSolver, SolverOptions
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.modes.constraints import MINIMUM_DISTANCE, ModeProgram, contact_name, reach
+from drake_hand.modes.constraints import LIMITS, MINIMUM_DISTANCE, ModeProgram, contact_name, reach
 
 TOLERANCE = 1e-5
 """A constraint is kept that is violated by no more than this, m or rad."""
@@ -37,16 +37,17 @@ class Violation:
     """A constraint that is not kept."""
 
     finger: str
-    """Empty where it is about no single finger."""
+    """Empty where it is about no finger."""
     constraint: str
     amount: float
-    """m, or rad of a coupling."""
+    """m; of a joint limit rad."""
     where: str = ""
-    """Pair of bodies."""
+    """Joint or pair of bodies."""
 
     def __str__(self) -> str:
         where = f" ({self.where})" if self.where else ""
-        return f"{self.constraint}{where} missed by {self.amount * 1e3:.3g} mm"
+        amount = f"{math.degrees(self.amount):.3g} deg" if self.constraint == LIMITS else f"{self.amount * 1e3:.3g} mm"
+        return f"{self.constraint}{where} missed by {amount}"
 
 
 def solve_ik(program: ModeProgram) -> ModeSolution:
@@ -75,27 +76,31 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
 
 
 def find_violations(program: ModeProgram, q: np.ndarray) -> list[Violation]:
-    """The constraints a posture q (nq,) does not keep: contacts first, then distances, the worst of each first."""
-    scene = program.scene
+    """The constraints a posture q (nq,) does not keep: contacts, limits, distances, the worst of each first.
+
+    Couplings and the object's pose, the program's other constraints, are kept by any q.
+    """
+    scene, hand = program.scene, program.scene.hand
     scene.set(q, program.X_WO)
     positions = scene.plant.GetPositions(scene.plant_context)
-    finger_of = {contact_name(name, scene): name for name in program.p_OC}
-    violations = []
-    for binding in program.prog.GetAllConstraints():
-        constraint = binding.evaluator()
-        name = constraint.get_description()
-        if name == MINIMUM_DISTANCE:
-            continue  # its value is a penalty, not a distance
-        value = constraint.Eval(positions[program.prog.FindDecisionVariableIndices(binding.variables())])
+    contacts, limits, distances = [], [], []
+    by_name = {b.evaluator().get_description(): b for b in program.prog.GetAllConstraints()}
+    for finger in program.p_OC:
+        name = contact_name(finger, scene)
+        constraint, variables = by_name[name].evaluator(), by_name[name].variables()
+        value = constraint.Eval(positions[program.prog.FindDecisionVariableIndices(variables)])
         excess = np.maximum(0, np.maximum(constraint.lower_bound() - value, value - constraint.upper_bound()))
-        amount = float(np.linalg.norm(excess))
-        violations.append(Violation(finger=finger_of.get(name, ""), constraint=name, amount=amount))
+        contacts.append(Violation(finger=finger, constraint=name, amount=float(np.linalg.norm(excess))))
+    beyond = np.maximum(hand.q_lower - q, q - hand.q_upper)
+    for f in hand.fingers:
+        for column, joint in zip(f.columns, f.joints, strict=True):
+            limits.append(Violation(finger=f.name, constraint=LIMITS, amount=float(beyond[column]), where=joint))
     for a, b, distance in scene.clearances(program.options.clearance, exclude=program.p_OC):
-        owner = next((f.name for f in scene.hand.fingers if a in f.links or b in f.links), "")
+        owner = next((f.name for f in hand.fingers if a in f.links or b in f.links), "")
         short = program.options.clearance - distance
-        violations.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
-    beyond = [v for v in violations if v.amount > TOLERANCE]
-    return sorted(beyond, key=lambda v: (v.constraint == MINIMUM_DISTANCE, -v.amount))
+        distances.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
+    kinds = (sorted(kind, key=lambda v: -v.amount) for kind in (contacts, limits, distances))
+    return [v for kind in kinds for v in kind if v.amount > TOLERANCE]
 
 
 def _infeasible(program: ModeProgram, q: np.ndarray, violations: list[Violation]) -> Infeasible:
@@ -111,7 +116,7 @@ def _infeasible(program: ModeProgram, q: np.ndarray, violations: list[Violation]
     evidence = _about(program) | {
         "finger": worst.finger,
         "constraint": worst.constraint,
-        "amount_mm": worst.amount * 1e3,
+        "amount": worst.amount,
         "where": worst.where,
         "at_limit": limits,
         "violations": [str(v) for v in violations],

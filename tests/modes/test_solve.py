@@ -42,7 +42,9 @@ def test_the_posture_nearest_to_the_guess_is_taken(held) -> None:
     free = held.scene.hand.finger("little").columns
     guess = held.q.copy()
     guess[free] += [0.0, 0.1, 0.1]
-    solution = solve_ik(build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess))
+    program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess)
+    program.prog.SetInitialGuessForAllVariables(program.prog.initial_guess() + 0.02)
+    solution = solve_ik(program)
     np.testing.assert_allclose(solution.q[free], guess[free], atol=1e-4)
 
 
@@ -62,17 +64,23 @@ def test_a_sliding_tip_stays_on_the_surface_where_the_guess_is(held) -> None:
     assert invariant(held, "00112", kept.q)
 
 
-def test_a_free_finger_is_moved_out_of_the_object(held, reachable_contacts) -> None:
+@pytest.fixture(scope="module")
+def ring_in_pencil(held, reachable_contacts) -> np.ndarray:
+    """The posture of the hold, with the free ring finger's tip in the pencil."""
     ring = held.scene.hand.finger("ring")
     inside = reachable_contacts(held.scene, held.X_WO, 4e-3)["ring"]
     inside = inside[np.argmax(inside[:, 2] * np.sign(held.p_OC["middle"][2]))] * [0.6, 0.6, 1.0]
-    guess = held.q.copy()
-    target = held.X_WO[:3, :3] @ inside + held.X_WO[:3, 3]
-    guess[ring.columns] = FingerKinematics.of(held.scene.hand, ring).ik(target[None])[0][0]
-    assert Situation(scene=held.scene, state=State(q=guess, X_WO=held.X_WO)).gaps["ring"] < -1e-3
+    q = held.q.copy()
+    p_WC = held.X_WO[:3, :3] @ inside + held.X_WO[:3, 3]
+    q[ring.columns] = FingerKinematics.of(held.scene.hand, ring).ik(p_WC[None])[0][0]
+    assert Situation(scene=held.scene, state=State(q=q, X_WO=held.X_WO)).gaps["ring"] < -1e-3
+    return q
+
+
+def test_a_free_finger_is_moved_out_of_the_object(held, ring_in_pencil) -> None:
     options = IkOptions(clearance=1e-3)
-    solution = solve_ik(build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=guess, options=options))
-    held.scene.set(solution.q, held.X_WO)
+    program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, q_guess=ring_in_pencil, options=options)
+    held.scene.set(solve_ik(program).q, held.X_WO)
     others = held.scene.clearances(0.05, exclude=["middle", "index", "thumb"])
     assert min(distance for *_, distance in others) > 1e-3 - 1e-5
 
@@ -91,7 +99,7 @@ def test_out_of_reach_names_finger_constraint_amount_and_pose(held) -> None:
         np.meshgrid(*[np.linspace(a, b, 25) for a, b in zip(kinematics.lower, kinematics.upper, strict=True)]), -1
     )
     nearest = np.linalg.norm(kinematics.fk(grid.reshape(-1, 3))[0] - target, axis=1).min()
-    assert evidence["amount_mm"] == pytest.approx(nearest * 1e3, rel=0.05)
+    assert evidence["amount"] == pytest.approx(nearest, rel=0.05)
     assert evidence["xyz_mm"] == pytest.approx(X_WO[:3, 3] * 1e3)
     assert {"mode": "00111", "violations": evidence["violations"]}.items() <= evidence.items()
     for word in ("mode 00111", evidence["finger"], "mm", "(150.0, 0.0, 110.0)"):
@@ -123,20 +131,26 @@ def test_what_can_be_reached_but_not_taken_is_a_collision(held, reachable_contac
     assert reasons
     assert {r["constraint"] for r in reasons} == {"minimum distance"}
     assert {r["finger"] for r in reasons} == {"index"}
-    assert all("pencil_r8" in r["where"] and r["amount_mm"] > 0.01 for r in reasons)
+    assert all("pencil_r8" in r["where"] and r["amount"] > 1e-5 for r in reasons)
 
 
-def test_violations_are_measured(held) -> None:
+def test_violations_are_measured_and_contacts_come_first(held, ring_in_pencil) -> None:
     program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC)
     assert find_violations(program, held.q) == []
-    q = held.q.copy()
-    q[held.scene.hand.finger("index").columns[1]] -= 0.05
-    (violation, *_) = find_violations(program, q)
-    assert violation.finger == "index"
-    moved = FingerKinematics.of(held.scene.hand, held.scene.hand.finger("index")).fk(
-        np.stack([held.q, q])[:, held.scene.hand.finger("index").columns]
-    )[0]
-    assert violation.amount == pytest.approx(np.linalg.norm(moved[1] - moved[0]), rel=1e-3)
+    hand, index = held.scene.hand, held.scene.hand.finger("index")
+    q = ring_in_pencil.copy()
+    q[index.columns[1]] -= 0.01
+    q[hand.finger("middle").columns[1]] -= 0.002
+    q[0] = hand.q_lower[0] - 0.02
+    contact, lesser, limit, distance, *_ = find_violations(program, q)
+    moved = FingerKinematics.of(hand, index).fk(np.stack([held.q, q])[:, index.columns])[0]
+    assert contact.finger == "index"
+    assert contact.amount == pytest.approx(np.linalg.norm(moved[1] - moved[0]), rel=1e-2)
+    assert lesser.finger == "middle"
+    assert (limit.constraint, limit.where) == ("joint limits", hand.joints[0])
+    assert str(limit) == "joint limits (little_abduction) missed by 1.15 deg"
+    assert (distance.constraint, distance.finger) == ("minimum distance", "ring")
+    assert distance.amount > contact.amount
 
 
 @pytest.mark.skipif(not ALLEGRO.is_file(), reason="the Allegro hand's model is not beside this checkout")
