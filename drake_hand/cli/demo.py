@@ -11,7 +11,7 @@ from drake_hand.cli import plans
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
-    """Plan, check and draw the bundled pencil rotation; writes plan, page and figures.
+    """Plan, check, simulate, draw and execute the bundled pencil rotation; writes plan, pages, figures and record.
 
     ```console
     $ drake-hand demo
@@ -21,11 +21,16 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     Args:
         output: the folder to write to.
     """
-    file, page = output / "spin.plan.json", output / "spin.html"
+    from drake_hand.cli import drives
+
+    file, page, run = output / "spin.plan.json", output / "spin.html", output / "spin.run.npz"
     steps = {
         "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
         "Prove it again, from its file alone": lambda: plans.check(file),
-        "Draw it": lambda: plans.plot(file, output=output / "figures"),
+        "Replay it in physics": lambda: plans.simulate(file, html=output / "spin-physics.html"),
+        "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
+        "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
+        "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
     }
     for number, (title, step) in enumerate(steps.items(), start=1):
         print(f"\n[{number}/{len(steps)}] {title}\n", flush=True)

@@ -41,6 +41,9 @@ def draw_tracking(record: RunRecord) -> Figure:
         ax.plot(record.t, np.rad2deg(record.measured[:, j]), color="#2a6fbb", label="measured")
         ax.plot(record.t, np.rad2deg(record.commanded[:, j]), color="0.15", lw=0.8, ls="--", label="commanded")
         ax.set_title(name, loc="left", fontsize=9)
+        low, high = ax.get_ylim()
+        middle, half = (low + high) / 2, max((high - low) / 2, 1.0)
+        ax.set_ylim(middle - half, middle + half)
         _mark_stop(ax, record)
     for ax in axes[len(joints) :]:
         ax.set_visible(False)
