@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from pydrake.geometry import (
     Cylinder,
@@ -44,7 +46,7 @@ class Stage:
 
     def __init__(self, scene: Scene, t: np.ndarray, *, gravity: np.ndarray) -> None:
         self._scene, self._t = scene, t
-        self._meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+        self._meshcat = _quiet_meshcat()
         self._animation = MeshcatAnimation((len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else FRAME_RATE)
         self._animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
         self._R_VW = _upright(gravity)
@@ -170,6 +172,17 @@ class Stage:
         side = np.array([-front[1], front[0], 0.0])
         eye = self._R_VW @ centre + 1.05 * size * _unit(front + 0.55 * side + np.array([0, 0, 0.6]))
         self._meshcat.SetCameraPose(eye, self._R_VW @ centre)
+
+
+def _quiet_meshcat() -> Meshcat:
+    """A Meshcat that does not tell of its port: only its page is wanted."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    finally:
+        logger.setLevel(level)
 
 
 def _upright(gravity: np.ndarray) -> np.ndarray:
