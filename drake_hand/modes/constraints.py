@@ -20,7 +20,7 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
-from drake_hand.modes.situation import object_surface
+from drake_hand.modes.situation import object_of
 
 LIMITS = "joint limits"
 MINIMUM_DISTANCE = "minimum distance"
@@ -99,7 +99,7 @@ def build_ik(
         InputError: contacts do not fit the mode, or an array has the wrong shape or is not finite.
     """
     options = options or IkOptions()
-    hand, surface = scene.hand, object_surface(scene)
+    hand, surface = scene.hand, Surface.of(object_of(scene))
     scene.set(hand.q_home if q_guess is None else q_guess, X_WO)
     _check_contacts(hand, mode, contacts)
     touching = [hand.fingers[i] for i in mode.touching]
@@ -118,7 +118,7 @@ def build_ik(
     first = scene.object_body.floating_positions_start()
     pose = slice(first, first + 7)
     fixed = ik.prog().AddBoundingBoxConstraint(positions[pose], positions[pose], ik.q()[pose])
-    fixed.evaluator().set_description(f"pose[{scene.object_body.name()}]")
+    fixed.evaluator().set_description(f"pose[{object_of(scene).name}]")
     for finger in touching:
         if mode.submodels[finger.index] is Submodel.ROLL:
             _hold_point(scene, ik, finger, p_OC[finger.name])
@@ -161,7 +161,7 @@ def reach(hand: Hand, X_WO: np.ndarray, p_OC: Mapping[str, np.ndarray], q: np.nd
 
 def contact_name(finger: str, scene: Scene) -> str:
     """Description of a finger's contact constraint."""
-    return f"contact[{finger} tip on {scene.object_body.name()}]"
+    return f"contact[{finger} tip on {object_of(scene).name}]"
 
 
 def _check_contacts(hand: Hand, mode: Mode, contacts: Mapping[str, np.ndarray]) -> None:
@@ -202,7 +202,7 @@ def _describe_what_drake_added(scene: Scene, ik: InverseKinematics) -> None:
     for binding in ik.prog().GetAllConstraints():
         constraint = binding.evaluator()
         if isinstance(constraint, UnitQuaternionConstraint):
-            constraint.set_description(f"unit quaternion[{scene.object_body.name()}]")
+            constraint.set_description(f"unit quaternion[{object_of(scene).name}]")
         elif isinstance(constraint, LinearEqualityConstraint):
             names = [at[int(i)] for i in ik.prog().FindDecisionVariableIndices(binding.variables())]
             follower = next(n for n in names if n not in scene.hand.joints)
@@ -222,7 +222,7 @@ def _stay_on(
     scene: Scene, ik: InverseKinematics, finger: Finger, p_OC: np.ndarray, X_WO: np.ndarray, range_: float
 ) -> None:
     """Sliding: the tip touches, and its centre has moved from `p_OC` by s1 and s2 along the tangents there."""
-    surface, kinematics = object_surface(scene), FingerKinematics.of(scene.hand, finger)
+    surface, kinematics = Surface.of(object_of(scene)), FingerKinematics.of(scene.hand, finger)
     R_WO, p_WO, r = X_WO[:3, :3], X_WO[:3, 3], finger.radius
     tangents = np.concatenate(surface.tangents(surface.closest(p_OC[None])[1]))
 

@@ -14,6 +14,7 @@ from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
 
 if TYPE_CHECKING:
+    from drake_hand.model.object import Object
     from drake_hand.model.scene import Scene
 
 
@@ -86,7 +87,7 @@ class Situation:
         p_WC, _, J, _ = kinematics.jacobian(q)
         carried = state.V_WO[3:] + np.cross(state.V_WO[:3], p_WC[0] - state.X_WO[:3, 3])
         return RelativeVelocity(
-            contact=slip_velocity(kinematics, object_surface(self.scene), q, v, motion)[0],
+            contact=slip_velocity(kinematics, Surface.of(object_of(self.scene)), q, v, motion)[0],
             centre=J[0] @ v[0] - carried,
             nhat_W=state.X_WO[:3, :3] @ self._nearest[0][finger.index],
         )
@@ -97,7 +98,7 @@ class Situation:
         self.scene.set(self.state.q, self.state.X_WO)
         p_WC = np.stack([self.scene.tip_position(f) for f in self.scene.hand.fingers])
         p_OC = (p_WC - self.state.X_WO[:3, 3]) @ self.state.X_WO[:3, :3]
-        return object_surface(self.scene).closest(p_OC)[1:]
+        return Surface.of(object_of(self.scene)).closest(p_OC)[1:]
 
     @cached_property
     def clearance(self) -> tuple[float, str]:
@@ -123,12 +124,12 @@ class Situation:
         return float(abs(self.state.v[worst])), self.scene.hand.joints[worst]
 
 
-def object_surface(scene: Scene) -> Surface:
-    """The surface of a scene's object.
+def object_of(scene: Scene) -> Object:
+    """The object of a scene.
 
     Raises:
         InputError: it has none.
     """
     if scene.object is None:
         raise InputError("the scene has no object", expected="a scene made with one")
-    return Surface.of(scene.object)
+    return scene.object

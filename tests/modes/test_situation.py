@@ -5,9 +5,10 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 
+from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
 from drake_hand.model.scene import Scene
-from drake_hand.modes.situation import Situation, State, object_surface
+from drake_hand.modes.situation import Situation, State, object_of
 
 
 def test_gaps_are_drakes_distances(held) -> None:
@@ -42,7 +43,7 @@ def test_velocities_are_drakes(held) -> None:
         velocity = situation.velocity(finger.name)
         np.testing.assert_allclose(velocity.centre, V_OL.Shift(p_LC_W).translational(), atol=1e-9)
         p_OC = RigidTransform(state.X_WO).inverse().multiply(scene.tip_position(finger))
-        nhat_W = state.X_WO[:3, :3] @ object_surface(scene).closest(p_OC[None])[1][0]
+        nhat_W = state.X_WO[:3, :3] @ Surface.of(scene.object).closest(p_OC[None])[1][0]
         at_contact = V_OL.Shift(p_LC_W - finger.radius * nhat_W).translational()
         np.testing.assert_allclose(velocity.contact, at_contact, atol=1e-9)
         assert velocity.normal == pytest.approx(at_contact @ nhat_W)
@@ -84,4 +85,4 @@ def test_what_is_no_state_is_refused(wrong: dict) -> None:
 
 def test_a_scene_without_object_is_refused(held) -> None:
     with pytest.raises(InputError, match="no object"):
-        object_surface(Scene(held.scene.hand))
+        object_of(Scene(held.scene.hand))
