@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from drake_hand.motion.trajectory import poses, quaternions
 from drake_hand.planning.path import Leg, Path
@@ -21,12 +21,12 @@ _GRID = 201
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits of the coordinates of `Curve.rates`: nq joints, then the object's momentum."""
+    """Limits of the coordinates of `Curve.rates`: nq joints, and the object's momentum in plans with forces."""
 
     speed: np.ndarray
-    """(nq + 6,) rad/s; the momentum has none."""
+    """(nq,) or (nq + 6,) rad/s; the momentum has none."""
     acceleration: np.ndarray
-    """(nq + 6,) rad/s^2, N, Nm; the last six are infinite in plans without forces."""
+    """(nq,) or (nq + 6,) rad/s^2, N, Nm."""
     mass: float
     p_OCom: np.ndarray
     I_OCom: np.ndarray
@@ -36,10 +36,14 @@ class Limits:
         """The hand's limits; the object's inertia goes with the mass the task gives it."""
         body = path.object
         mass = path.task.physics.object_mass_kg or body.mass
-        force = INERTIA_SHARE * mass * _G if any(leg.f_W for leg in path.legs) else np.inf
+        speed, acceleration = path.hand.speed, path.hand.acceleration
+        if any(leg.f_W for leg in path.legs):
+            force = INERTIA_SHARE * mass * _G
+            speed = np.concatenate([speed, np.full(6, np.inf)])
+            acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * _TORQUE_LENGTH)])
         return cls(
-            speed=np.concatenate([path.hand.speed, np.full(6, np.inf)]),
-            acceleration=np.concatenate([path.hand.acceleration, [force] * 3, [force * _TORQUE_LENGTH] * 3]),
+            speed=speed,
+            acceleration=acceleration,
             mass=mass,
             p_OCom=body.p_OCom,
             I_OCom=body.I_OCom * mass / body.mass,
@@ -53,51 +57,62 @@ class Curve:
         self.leg, self.limits, self.nq = leg, limits, leg.q.shape[1]
         self._s = np.linspace(0.0, 1.0, len(leg.q))
         x = np.hstack([leg.q, quaternions(leg.X_WO[:, :3, :3]), leg.X_WO[:, :3, 3]])
-        self._x = CubicSpline(self._s, x)
-        self._points = {name: CubicSpline(self._s, p) for name, p in leg.p_OP.items()}
+        self._spline = _spline(self._s, np.hstack([x, *leg.p_OP.values()]))
+        loads = {f"f_W {name}": f for name, f in (leg.f_W or {}).items()}
+        self._loads = loads | ({"q_offset": leg.q_offset} if leg.q_offset is not None else {})
         self.moves = bool(np.ptp(x, axis=0).max() > 1e-9)
 
-    def coordinates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k, nq + 7) joints, unit quaternion and position, and their derivatives in s."""
-        x, dx = self._x(s), self._x(s, 1)
+    def coordinates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Joints, unit quaternion and position (k, nq + 7), their derivatives in s, and what goes with contacts.
+
+        That is ``p_OP <finger>``, ``f_W <finger>`` (k, 3) and ``q_offset`` (k, nq), those the leg has. Forces are
+        linear between the leg's knots: that keeps them inside their cones and in balance.
+        """
+        rows, pose = self._spline(s), self.nq + 7
+        x, dx = rows[:, :pose], self._spline(s, 1)[:, :pose]
         quaternion = slice(self.nq, self.nq + 4)
         norm = np.linalg.norm(x[:, quaternion], axis=1, keepdims=True)
         x[:, quaternion] /= norm
         u = x[:, quaternion]
         dx[:, quaternion] = (dx[:, quaternion] - u * np.sum(u * dx[:, quaternion], axis=1, keepdims=True)) / norm
-        return x, dx
-
-    def contacts(self, s: np.ndarray) -> dict[str, np.ndarray]:
-        """``p_OP <finger>``, ``f_W <finger>`` (k, 3) and ``q_offset`` (k, nq), those the leg has.
-
-        Forces are linear between the leg's knots: that keeps them inside their cones and in balance.
-        """
-        rows = {f"p_OP {name}": spline(s) for name, spline in self._points.items()}
-        loads = {f"f_W {name}": f for name, f in (self.leg.f_W or {}).items()}
-        loads |= {"q_offset": self.leg.q_offset} if self.leg.q_offset is not None else {}
-        return rows | {name: make_interp_spline(self._s, load, k=1)(s) for name, load in loads.items()}
+        points = {f"p_OP {f}": rows[:, pose + 3 * i : pose + 3 * i + 3] for i, f in enumerate(self.leg.p_OP)}
+        return x, dx, points | {name: linear(s, self._s, load) for name, load in self._loads.items()}
 
     @cached_property
-    def momentum(self) -> CubicSpline:
+    def momentum(self) -> BSpline:
         """(6) linear and angular momentum of the object per unit of ds/dt."""
         s = np.linspace(0.0, 1.0, max(_GRID, 4 * len(self._s)))
-        x, dx, ddx = (self._x(s, order)[:, self.nq :] for order in range(3))
+        x, dx, ddx = (self._spline(s, order)[:, self.nq : self.nq + 7] for order in range(3))
         X, V, _ = poses(x, dx, ddx)
         R, w = X[:, :3, :3], V[:, :3]
-        linear = self.limits.mass * (V[:, 3:] + np.cross(w, R @ self.limits.p_OCom))
+        force = self.limits.mass * (V[:, 3:] + np.cross(w, R @ self.limits.p_OCom))
         angular = np.einsum("kij,jl,kml,km->ki", R, self.limits.I_OCom, R, w)
-        return CubicSpline(s, np.hstack([linear, angular]))
+        return _spline(s, np.hstack([force, angular]))
 
     def rates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k, nq + 6) first and second derivatives in s of the joints and of the integral of `momentum`.
+        """(k, m) first and second derivatives in s of the limited coordinates: joints and integral of `momentum`.
 
         With that integral as a coordinate, force and torque on the object, d(momentum ds/dt)/dt, are an acceleration
-        like a joint's.
+        like a joint's. It is left out where the plan has no forces.
         """
-        first = np.hstack([self._x(s, 1)[:, : self.nq], self.momentum(s)])
-        second = np.hstack([self._x(s, 2)[:, : self.nq], self.momentum(s, 1)])
-        return first, second
+        first, second = self._spline(s, 1)[:, : self.nq], self._spline(s, 2)[:, : self.nq]
+        if len(self.limits.speed) == self.nq:
+            return first, second
+        return np.hstack([first, self.momentum(s)]), np.hstack([second, self.momentum(s, 1)])
 
-    def sampled(self, s: np.ndarray) -> np.ndarray:
-        """(k, nq + 6) the coordinates whose derivatives are `rates`."""
-        return np.hstack([self._x(s)[:, : self.nq], self.momentum.antiderivative()(s)])
+    def limited(self, s: np.ndarray) -> np.ndarray:
+        """(k, m) the coordinates whose derivatives are `rates`."""
+        q = self._spline(s)[:, : self.nq]
+        return q if len(self.limits.speed) == self.nq else np.hstack([q, self.momentum.antiderivative()(s)])
+
+
+def linear(s: np.ndarray, knots: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(k, m) rows (n, m) at knots (n,), interpolated linearly."""
+    i = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2)
+    u = ((s - knots[i]) / (knots[i + 1] - knots[i]))[:, None]
+    return rows[i] * (1 - u) + rows[i + 1] * u
+
+
+def _spline(s: np.ndarray, rows: np.ndarray) -> BSpline:
+    """C2 through all rows (not-a-knot); a parabola through three, a line through two."""
+    return make_interp_spline(s, rows, k=min(3, len(s) - 1), check_finite=False)

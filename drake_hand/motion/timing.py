@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PPoly
+from scipy.interpolate import PPoly
 
 from drake_hand import __version__
 from drake_hand.motion import law as laws
-from drake_hand.motion.curve import Curve, Limits
+from drake_hand.motion.curve import Curve, Limits, linear
 from drake_hand.motion.plan import Contact, Part, Plan
+from drake_hand.motion.trajectory import hermite
 from drake_hand.planning.path import Leg, Path
 
 PART_S = 1.0
@@ -108,20 +109,22 @@ class _Timed:
     def rows(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Joints and pose, their rates, and what goes with the contacts, a row per time."""
         s, ds = np.clip(self.law(t), 0.0, 1.0), self.law(t, 1)
-        x, dx = self.curve.coordinates(s)
-        return x, dx * ds[:, None], self.curve.contacts(s)
+        x, dx, contacts = self.curve.coordinates(s)
+        return x, dx * ds[:, None], contacts
 
     def knots(self) -> np.ndarray:
         """Times between which the plan's interpolation follows the leg closely enough."""
         t = np.linspace(0.0, self.law.x[-1], 13 if self.curve.moves else 2)
         tolerance = np.concatenate([np.full(self.curve.nq, _JOINTS), np.full(7, _POSE)])
+        u = np.array([0.25, 0.5, 0.75])
         for _ in range(8):
-            between = (t[:-1, None] + np.diff(t)[:, None] * [0.25, 0.5, 0.75]).ravel()
+            between = (t[:-1, None] + np.diff(t)[:, None] * u).ravel()
             x, dx, contacts = self.rows(t)
             x_exact, _, contacts_exact = self.rows(between)
-            ratio = np.max(np.abs(CubicHermiteSpline(t, x, dx)(between) - x_exact) / tolerance, axis=1)
+            cubic = np.einsum("up,npm->num", u[:, None] ** np.arange(4), hermite(t, x, dx))
+            ratio = np.max(np.abs(cubic.reshape(x_exact.shape) - x_exact) / tolerance, axis=1)
             for name, exact in contacts_exact.items():
-                error = np.abs(_linear(between, t, contacts[name]) - exact) / _CONTACTS[name.partition(" ")[0]]
+                error = np.abs(linear(between, t, contacts[name]) - exact) / _CONTACTS[name.partition(" ")[0]]
                 ratio = np.maximum(ratio, error.max(axis=1))
             split = ratio.reshape(-1, 3).max(axis=1) > 1
             if not split.any():
@@ -135,15 +138,9 @@ def _time(curve: Curve, optimal: bool) -> _Timed:
     if not curve.moves:
         return _Timed(curve=curve, law=PPoly([[1 / RAMP_S], [0.0]], [0.0, RAMP_S]))
     limits = curve.limits
-    law = laws.optimal(curve.sampled, limits.speed, limits.acceleration) if optimal else None
+    law = laws.optimal(curve.limited, limits.speed, limits.acceleration) if optimal else None
     timed = _Timed(curve=curve, law=law or laws.parabolic())
     return timed.stretched(timed.excess())
-
-
-def _linear(t: np.ndarray, knots: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-    u = ((t - knots[i]) / (knots[i + 1] - knots[i]))[:, None]
-    return rows[i] * (1 - u) + rows[i + 1] * u
 
 
 def _part(legs: list[_Timed], before: Part | None) -> Part:
@@ -195,10 +192,9 @@ def _keep_sign(positions: np.ndarray, rates: np.ndarray, nq: int, before: Part |
 
 def _hermite_excess(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> float:
     """As `_Timed.excess`, of the cubics: acceleration is extreme at their ends, speed looked at in between."""
-    nq = q.shape[1]
-    a, b, c, _ = CubicHermiteSpline(t, q, v).c
-    h = np.diff(t)[:, None]
-    u = np.linspace(0.0, 1.0, 5)[:, None, None] * h
-    speed = np.max(np.abs(3 * a * u**2 + 2 * b * u + c) / limits.speed[:nq])
-    acceleration = np.max(np.abs(np.stack([2 * b, 6 * a * h + 2 * b])) / limits.acceleration[:nq])
+    nq, h = q.shape[1], np.diff(t)[:, None]
+    _, c1, c2, c3 = np.moveaxis(hermite(t, q, v), 1, 0)
+    u = np.linspace(0.0, 1.0, 5)[:, None, None]
+    speed = np.max(np.abs(c1 + u * (2 * c2 + u * 3 * c3)) / h / limits.speed[:nq])
+    acceleration = np.max(np.abs(np.stack([2 * c2, 2 * c2 + 6 * c3])) / h**2 / limits.acceleration[:nq])
     return float(max(speed, np.sqrt(acceleration))) * (1 + 1e-4)

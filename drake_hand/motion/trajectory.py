@@ -59,7 +59,9 @@ class Trajectory:
         self._t0 = np.concatenate([p.t[:-1] for p in plan.parts])
         self._t1 = np.concatenate([p.t[1:] for p in plan.parts])
         self._part = np.repeat(np.arange(len(plan.parts)), np.diff(self._first))
-        self._hermite = np.concatenate([_hermite(p) for p in plan.parts])
+        self._hermite = np.concatenate(
+            [hermite(np.array(p.t), np.hstack([p.q, p.X_WO]), np.hstack([p.v, p.V_WO])) for p in plan.parts]
+        )
         linear = [_linear(p, plan.fingers, nq) for p in plan.parts]
         self._linear0 = np.concatenate([rows[:-1] for rows in linear])
         self._linear1 = np.concatenate([rows[1:] for rows in linear])
@@ -106,12 +108,10 @@ class Trajectory:
         )
 
 
-def _hermite(part: Part) -> np.ndarray:
-    """(n-1, 4, nq+7) polynomial coefficients in u in [0, 1] of every segment, constant first."""
-    h = np.diff(part.t)[:, None]
-    x = np.hstack([part.q, part.X_WO])
-    d = np.hstack([part.v, part.V_WO])
-    x0, x1, d0, d1 = x[:-1], x[1:], d[:-1] * h, d[1:] * h
+def hermite(t: np.ndarray, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    """(n-1, 4, m) coefficients, constant first, of the cubics in u in [0, 1] through knots t (n,), x and dx (n, m)."""
+    h = np.diff(t)[:, None]
+    x0, x1, d0, d1 = x[:-1], x[1:], dx[:-1] * h, dx[1:] * h
     return np.stack([x0, d0, 3 * (x1 - x0) - 2 * d0 - d1, 2 * (x0 - x1) + d0 + d1], axis=1)
 
 
