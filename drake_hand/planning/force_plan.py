@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
@@ -13,6 +14,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.path import Leg
+from drake_hand.planning.transit import KNOTS
 
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
@@ -60,7 +62,7 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     n = int(starts[-1]) + 1
     q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
     X = np.concatenate([legs[0].X_WO[:1], *[leg.X_WO[1:] for leg in legs]])
-    load, held = _loads(legs, starts, names)
+    load, held, touching = _loads(legs, starts, names)
     p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
     normal[..., 2] = 1.0
     bend = np.ones((n, k))
@@ -105,13 +107,40 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     return out
 
 
-def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Each contact's share of load (n, k), and the knots (n,) at which a fixture holds the object.
+def _roll_back(
+    hand: Hand, q: np.ndarray, normal: np.ndarray, depth: np.ndarray, touching: np.ndarray
+) -> np.ndarray:
+    """How far each tip's centre has to fall back so that the compressed tip turns the object as the full one would.
+
+    A tip pressed in by d rolls on the radius r - d: its surface at the contact gains d (w x n) on the plan. The way
+    (n, k, 3) in m undoes that from `make` on, and fades out over the lift after `break`.
+    """
+    way = np.zeros((*depth.shape, 3))
+    for i, finger in enumerate(hand.fingers):
+        R = Rotation.from_matrix(FingerKinematics.of(hand, finger).fk(q[:, finger.columns])[1])
+        turn = np.cross((R[1:] * R[:-1].inv()).as_rotvec(), (normal[1:, i] + normal[:-1, i]) / 2)
+        gain = -turn * (depth[1:, i] + depth[:-1, i])[:, None] / 2
+        for first, last in _runs(touching[:, i]):
+            way[first + 1 : last + 1, i] = np.cumsum(gain[first:last], axis=0)
+            fade = way[last + 1 : last + KNOTS, i]
+            fade[:] = way[last, i] * np.linspace(1, 0, KNOTS)[1 : len(fade) + 1, None]
+    return way
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """First and last index of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
+
+
+def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each contact's share of load (n, k), the knots (n,) at which a fixture holds the object, and who touches (n, k).
 
     Full in between, ramped from 0 in the dwell after `make` and to 0 in the one before `break`.
     """
     n = int(starts[-1]) + 1
     load, held = np.ones((n, len(names))), np.zeros(n, dtype=bool)
+    touching = np.zeros((n, len(names)), dtype=bool)
     complete = False
     for x, leg in enumerate(legs):
         rows = slice(int(starts[x]), int(starts[x + 1]) + 1)
@@ -125,8 +154,9 @@ def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.nd
             if name in leg.p_OP and name not in after:
                 share = np.minimum(share, rise[::-1])
             load[rows, i] = np.minimum(load[rows, i], share)
+            touching[rows, i] |= name in leg.p_OP
         if not complete or not leg.p_OP or not after:
             held[rows] = True
             if leg.p_OP and not complete:
                 complete, held[rows.stop - 1] = True, False
-    return load, held
+    return load, held, touching

@@ -12,19 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_hand.planning.grasp import spread
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
 
 STROKES = (36, 28, 20, 14, 10)
 """Ticks a gait may advance before it steps back, the longest first."""
-POOL = 40
+POOL = 120
 """Base contacts per finger."""
-SAMPLES = 3000
+SAMPLES = 6000
 """Random gaits rated per stroke."""
-KEPT = 12
-ROUNDS = 3
-"""Rounds of improvement: each finger's contact is exchanged for every other of its pool."""
+STARTS = 12
+"""The most promising of them are improved."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +38,7 @@ class Gait:
 def find(
     reach: ReachTable, fingers: list[int], holding: Holding, allowed, rng: np.random.Generator, *, enough: float
 ) -> list[Gait]:
-    """Gaits with the given fingers, the best first; the longest stroke whose margin is `enough` comes before all others.
+    """Gaits with the given fingers, the best first; the longest stroke whose margin is `enough` comes first.
 
     Args:
         reach: of a symmetric object.
@@ -56,7 +54,7 @@ def find(
         return []
     found: list[Gait] = []
     for stroke in (s for s in STROKES if s <= reach.path.ticks):
-        pools = [spread([h for h in reach.holds(f, 0) if len(h.q) > stroke], POOL) for f in fingers]
+        pools = [_sample([h for h in reach.holds(f, 0) if len(h.q) > stroke], rng) for f in fingers]
         if not all(pools):
             continue
         rated = _Rating(reach, fingers, holding, pools, stroke).best(rng)
@@ -64,6 +62,10 @@ def find(
         if rated and rated[0].margin >= enough:
             break
     return sorted(found, key=lambda g: -min(g.margin, enough) - 1e-3 * g.stroke * (g.margin >= enough))
+
+
+def _sample(holds: list[Hold], rng: np.random.Generator) -> list[Hold]:
+    return [holds[j] for j in rng.permutation(len(holds))[:POOL]]
 
 
 class _Rating:
@@ -82,56 +84,71 @@ class _Rating:
         self.p = [np.stack([h.p_WP[ages] for h in pool]) for pool in pools]
         self.normal = [np.stack([h.n_W[ages] for h in pool]) for pool in pools]
         self.J = [np.stack([h.J_WP[ages] for h in pool]) for pool in pools]
-        centres = [
-            clearance.centres(f, np.concatenate([h.q[ages] for h in pool]))
+        self.centres = [
+            clearance.centres(f, np.concatenate([h.q[ages] for h in pool])).reshape(len(pool), 2, -1, 3)
             for f, pool in zip(fingers, pools, strict=True)
         ]
-        self.clear: dict[tuple[int, int], np.ndarray] = {}
-        for a, b in itertools.combinations(range(len(fingers)), 2):
-            x, y = np.meshgrid(np.arange(len(centres[a])), np.arange(len(centres[b])), indexing="ij")
-            gap = clearance.between_centres(fingers[a], centres[a][x.ravel()], fingers[b], centres[b][y.ravel()])
-            fine = (gap >= CLEARANCE).reshape(len(pools[a]), 2, len(pools[b]), 2)
-            self.clear[a, b] = fine.all(axis=(1, 3))
         self.subsets = np.array(list(itertools.product((0, 1), repeat=len(fingers))))
 
     def best(self, rng: np.random.Generator) -> list[Gait]:
-        """The best of a random sample, improved contact by contact."""
+        """Local optima: from the most promising of a random sample, one contact exchanged at a time."""
         sizes = np.array([len(p) for p in self.pools])
-        combos = np.unique((rng.random((SAMPLES, len(sizes))) * sizes).astype(int), axis=0)
-        combos = combos[self._clear(combos)]
-        combos = combos[self._holds_at_ends(combos)]
-        combos, rating = self._top(combos, self.rate(combos))
-        for _ in range(ROUNDS):
-            if not len(combos):
-                break
-            swaps = [combos]
-            for slot, size in enumerate(sizes):
-                changed = np.repeat(combos, size, axis=0)
-                changed[:, slot] = np.tile(np.arange(size), len(combos))
-                swaps.append(changed)
-            fresh = np.unique(np.concatenate(swaps), axis=0)
-            fresh = fresh[self._clear(fresh)]
-            fresh = fresh[self._holds_at_ends(fresh)]
-            before = rating[0]
-            combos, rating = self._top(fresh, self.rate(fresh))
-            if rating[0] <= before + 1e-6:
-                break
-        out = []
-        for row, margin in zip(combos, rating, strict=True):
-            if margin >= 0:
-                holds = tuple(pool[j] for pool, j in zip(self.pools, row, strict=True))
-                out.append(Gait(holds=holds, stroke=self.stroke, order=self._order(row), margin=float(margin)))
-        return out
+        sample = np.unique((rng.random((SAMPLES, len(sizes))) * sizes).astype(int), axis=0)
+        for end in (0, 1):
+            ends, none = np.full((len(sample), len(sizes)), end), np.full(len(sample), -1)
+            whole = self._margins(sample, ends, none)
+            sample = sample[np.argsort(-whole, kind="stable")[: max(len(sample) // 8, 1)]]
+        sample = self._clear(sample)
+        if not len(sample):
+            return []
+        rating = self._rate(sample)
+        climbed = [self._climb(sample[x], rating[x], sizes) for x in np.argsort(-rating, kind="stable")[:STARTS]]
+        best = {tuple(row): margin for row, margin in climbed if margin >= 0}
+        return [
+            Gait(
+                holds=tuple(pool[j] for pool, j in zip(self.pools, row, strict=True)),
+                stroke=self.stroke,
+                order=self._order(np.array(row)),
+                margin=float(margin),
+            )
+            for row, margin in sorted(best.items(), key=lambda item: (-item[1], item[0]))
+        ]
 
-    def _top(self, combos: np.ndarray, rating: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        order = np.argsort(-rating, kind="stable")[:KEPT]
-        return combos[order], rating[order]
+    def _climb(self, row: np.ndarray, margin: float, sizes: np.ndarray) -> tuple[np.ndarray, float]:
+        """Exchanges the contact that helps most, until none does."""
+        while True:
+            swaps = []
+            for slot, size in enumerate(sizes):
+                changed = np.repeat(row[None], size, axis=0)
+                changed[:, slot] = np.arange(size)
+                swaps.append(changed)
+            fresh = self._promising(np.concatenate(swaps), margin + 1e-3)
+            if not len(fresh):
+                return row, margin
+            rating = self._rate(fresh)
+            top = int(rating.argmax())
+            if rating[top] < margin + 1e-3:
+                return row, margin
+            row, margin = fresh[top], float(rating[top])
+
+    def _rate(self, combos: np.ndarray) -> np.ndarray:
+        """(R,) least margin on the best order of steps."""
+        return self._widest(*self._lattice(combos))[0][:, -1]
 
     def _clear(self, combos: np.ndarray) -> np.ndarray:
-        fine = np.ones(len(combos), dtype=bool)
-        for (a, b), clear in self.clear.items():
-            fine &= clear[combos[:, a], combos[:, b]]
-        return fine
+        """Combinations whose fingers are clear of one another, each at its base or its end."""
+        between = self.reach.clearance.between_centres
+        for a, b in itertools.combinations(range(len(self.fingers)), 2):
+            for x, y in ((0, 0), (1, 1), (0, 1), (1, 0)):
+                if len(combos):
+                    gap = between(
+                        self.fingers[a],
+                        self.centres[a][combos[:, a], x],
+                        self.fingers[b],
+                        self.centres[b][combos[:, b], y],
+                    )
+                    combos = combos[gap >= CLEARANCE]
+        return combos
 
     def _margins(self, combos: np.ndarray, ends: np.ndarray, without: np.ndarray) -> np.ndarray:
         """Margins of rows of contacts, each finger at base or end (R, slots), without one slot (-1: with all)."""
@@ -146,21 +163,21 @@ class _Rating:
             mask[:, f] = without != slot
         return self.holding.margins(p, normal, J, mask, np.repeat(self.p_WCom, R, axis=0))
 
-    def _holds_at_ends(self, combos: np.ndarray) -> np.ndarray:
-        """Cheap first test: all fingers hold at base and end, and some finger can be lifted at the end."""
-        if not len(combos):
-            return np.zeros(0, dtype=bool)
+    def _promising(self, combos: np.ndarray, least: float) -> np.ndarray:
+        """Combinations that may reach a margin: all fingers at base and at end, and some finger lifted in either."""
         slots = len(self.fingers)
-        none = np.full(len(combos), -1)
-        fine = np.ones(len(combos), dtype=bool)
         for end in (0, 1):
-            fine[fine] = self._margins(combos[fine], np.full((fine.sum(), slots), end), none[fine]) >= 0
-        some = np.zeros(len(combos), dtype=bool)
-        for slot in range(slots):
-            todo = fine & ~some
-            ends = np.ones((todo.sum(), slots), dtype=int)
-            some[todo] = self._margins(combos[todo], ends, np.full(todo.sum(), slot)) >= 0
-        return some
+            ends = np.full((len(combos), slots), end)
+            combos = combos[self._margins(combos, ends, np.full(len(combos), -1)) >= least]
+        combos = self._clear(combos)
+        for end in (1, 0):
+            some = np.zeros(len(combos), dtype=bool)
+            for slot in range(slots):
+                todo = np.flatnonzero(~some)
+                ends = np.full((len(todo), slots), end)
+                some[todo] = self._margins(combos[todo], ends, np.full(len(todo), slot)) >= least
+            combos = combos[some]
+        return combos
 
     def _lattice(self, combos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Margins over all sets of fingers that have stepped back already.
@@ -181,15 +198,8 @@ class _Rating:
             lifted[:, todo, slot] = values.reshape(R, len(todo))
         return whole, lifted
 
-    def rate(self, combos: np.ndarray) -> np.ndarray:
-        """(R,) least margin on the best order of steps (widest path over the sets that have stepped back)."""
-        out = np.full(len(combos), -np.inf)
-        for start in range(0, len(combos), 200):
-            block = slice(start, start + 200)
-            out[block] = self._widest(*self._lattice(combos[block]))[0][:, -1]
-        return out
-
     def _widest(self, whole: np.ndarray, lifted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least margin on the best order of steps to each set (R, 2^slots), and its last step (widest paths)."""
         R, U = whole.shape
         width, last = np.full((R, U), -np.inf), np.full((R, U), -1)
         width[:, 0] = whole[:, 0]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics
@@ -314,6 +315,9 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
         NoPlanFound: naming mode, finger, constraint and object pose; ``status`` tells infeasible from timeout.
     """
     started = time.monotonic()
+    # A task written in Python may hold integers where a file has floats; a plan must read back as it was.
+    task = msgspec.convert(msgspec.to_builtins(task), Task)
+    task.validate()
     hand, object_ = Hand.load(task.hand), Object.load(task.object)
     _check_names(task, hand)
     scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
