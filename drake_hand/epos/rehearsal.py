@@ -9,16 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import cast
 
+import can
 import numpy as np
 
 from drake_hand.epos import pdo
 from drake_hand.epos.configure import writes
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.master import NMT_OPERATIONAL, NMT_PRE_OPERATIONAL
+from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, NMT_PRE_OPERATIONAL
 from drake_hand.epos.player import Player
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim_drive import SimulatedDrive
+from drake_hand.epos.sim import SimulatedDrives
 from drake_hand.epos.state import Control
 
 _WORDS = {getattr(Control, name): name.lower().replace("_", " ") for name in vars(Control) if name.isupper()}
@@ -42,36 +44,31 @@ class Frame:
 
 
 class Rehearsal:
-    """Simulated drives and a player, in step, in one thread.
+    """Simulated drives and a player, in step, in one thread; it is the bus between them.
 
     Args:
         schedule: the motion; the motors stand at its first row.
     """
 
     def __init__(self, schedule: Schedule) -> None:
+        drives = schedule.drives
         self.schedule = schedule
         self.frames: list[Frame] = []
         self.player = Player(schedule, self._from_master)
-        self.drives = [
-            SimulatedDrive(
-                d,
-                serial=d.serial or d.node,
-                position=float(schedule.counts[0, i]),
-                send=self._from_drive,
-                tell=lambda *_: None,
-                rewire=lambda: None,
-            )
-            for i, d in enumerate(schedule.drives.drives)
-        ]
         self.ticks = 0
         self._now = 0.0
         self._to_player: list[tuple[int, bytes]] = []
+        self.sim = SimulatedDrives(cast(can.BusABC, self), drives, q=schedule.q[0])
+        self.sim.boot(self._now)
+
+    def send(self, message: can.Message) -> None:
+        """Takes a frame of a drive, as a bus does."""
+        self._note(message.arbitration_id, bytes(message.data), from_master=False)
+        self._to_player.append((message.arbitration_id, bytes(message.data)))
 
     def configure(self) -> None:
-        """Boots the drives and gives them what a run gives them."""
+        """Gives the drives what a run gives them."""
         drives = self.schedule.drives
-        for drive in self.drives:
-            drive.boot(0.0)
         self._from_master(pdo.NMT_COB, bytes([NMT_PRE_OPERATIONAL, 0]))
         for d in drives.drives:
             for w in writes(d, drives.bus):
@@ -79,17 +76,14 @@ class Rehearsal:
         self._from_master(pdo.NMT_COB, bytes([NMT_OPERATIONAL, 0]))
         self._to_player.clear()
 
-    def tick(self, late: float = 0.0) -> None:
-        """Lets a SYNC period pass, then sends the next SYNC (`late` seconds late, as the player sees it)."""
-        before, self._now = self._now, self.ticks * self.schedule.period
+    def tick(self, late: float = 0.0, skipped: int = 0) -> None:
+        """Lets a SYNC period pass, and those skipped, then sends the next SYNC, `late` s late as the player sees it."""
+        self.ticks += skipped
+        self._now = self.ticks * self.schedule.period
         self.ticks += 1
-        for drive in self.drives:
-            if self._now > before:
-                drive.advance(self._now - before)
-            drive.nmt.heard(pdo.MASTER_NODE, self._now)
-            drive.housekeep(self._now)
+        self._arrives(pdo.HEARTBEAT_BASE + pdo.MASTER_NODE, bytes([HEARTBEAT_OPERATIONAL]))
         self._deliver()
-        self.player.on_tick(self._now, late, 0)
+        self.player.on_tick(self._now, late, skipped)
         self._deliver()
 
     def _deliver(self) -> None:
@@ -97,14 +91,15 @@ class Rehearsal:
             self.player.on_frame(*self._to_player.pop(0), self._now)
 
     def _from_master(self, cob: int, data: bytes) -> None:
-        self.frames.append(Frame(t=self._now, cob=cob, data=data, from_master=True))
-        for drive in self.drives:
-            if drive.on_bus and (cob in (pdo.SYNC_COB, pdo.NMT_COB) or cob in drive.cob_ids):
-                drive.receive(cob, data, self._now)
+        self._note(cob, data, from_master=True)
+        self._arrives(cob, data)
 
-    def _from_drive(self, cob: int, data: bytes) -> None:
-        self.frames.append(Frame(t=self._now, cob=cob, data=data, from_master=False))
-        self._to_player.append((cob, data))
+    def _arrives(self, cob: int, data: bytes) -> None:
+        message = can.Message(arbitration_id=cob, data=data, is_extended_id=False, check=False)
+        self.sim.step(self._now, message)
+
+    def _note(self, cob: int, data: bytes, *, from_master: bool) -> None:
+        self.frames.append(Frame(t=self._now, cob=cob, data=data, from_master=from_master))
 
 
 def rehearse(schedule: Schedule) -> Rehearsal:

@@ -1,0 +1,209 @@
+"""Rows of the fault table: what happens, what may stop the run by it, how soon the others have to stop."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import can
+import numpy as np
+
+from drake_hand.epos import pdo
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim_faults import Fault
+
+ARM_SYNC = 70
+"""The fault's random moment is counted from this SYNC, when the plan has begun."""
+
+
+class Tap:
+    """A bus that notes what the master sends and hears, and can be held up or cut.
+
+    Args:
+        bus: the master's.
+        arm: called once, at the SYNC of number `ARM_SYNC`.
+    """
+
+    def __init__(self, bus: can.BusABC, arm: Callable[[], None]) -> None:
+        self._bus, self._arm = bus, arm
+        self.channel_info = bus.channel_info
+        self.sent: list[tuple[float, int, bytes]] = []
+        self.heard: list[tuple[float, int, bytes]] = []
+        self.syncs = 0
+        self.hold_s = 0.0
+        self.held_until = 0.0
+        self.refuses = False
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        """Passes a frame on."""
+        if self.refuses:
+            raise can.CanOperationError("Transmit buffer full")
+        self.sent.append((time.time(), message.arbitration_id, bytes(message.data)))
+        self._bus.send(message, timeout)
+        if message.arbitration_id == pdo.SYNC_COB:
+            self.syncs += 1
+            if self.syncs == ARM_SYNC:
+                self._arm()
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Waits for a frame."""
+        if self.hold_s:
+            time.sleep(self.hold_s)
+            self.hold_s, self.held_until = 0.0, time.time()
+        message = self._bus.recv(timeout)
+        if message:
+            self.heard.append((time.time(), message.arbitration_id, bytes(message.data)))
+        return message
+
+
+@dataclass(kw_only=True)
+class Trial:
+    """One run with one fault."""
+
+    drives: Drives
+    victim: str
+    """Joint of the drive that suffers."""
+    sim: SimulatedDrives
+    rng: np.random.Generator
+    tap: Any = None
+    acted: float = 0.0
+    progress: Callable[[Any], None] = lambda _: None
+
+    def inject(self, kind: Any, **more: Any) -> None:
+        """Lets a drive suffer now."""
+        self.sim.inject(Fault(kind=kind, joint=more.pop("joint", self.victim), **more))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A row of the fault table."""
+
+    name: str
+    act: Callable[[Trial], None]
+    kinds: tuple[str, ...]
+    """What the run may be stopped by."""
+    target: float | None
+    """SYNC periods until every other drive has left the motion; None where the cause takes that away."""
+    types: tuple[str, ...] = ("epos2", "epos4", "epos1", "mix")
+    since: Literal["fault", "message", "threshold"] = "fault"
+    """What time is counted from: the fault, the first EMCY or boot-up after it, a motor past its window's share."""
+    reachable: bool = True
+    """Whether all drives can be read back."""
+    why: str = ""
+    """What explains a number."""
+
+
+def _raise_in_main(trial: Trial) -> None:
+    def fail(_: object) -> None:
+        raise RuntimeError("raised on purpose")
+
+    trial.progress = fail
+
+
+def _emcy(code: int) -> Callable[[Trial], None]:
+    return lambda t: t.inject("emcy", code=code)
+
+
+CASES = (
+    Case(
+        name="EMCY, drive disables at once (over-current)",
+        act=_emcy(0x2310),
+        kinds=("emcy", "fault"),
+        target=2,
+        since="message",
+    ),
+    Case(
+        name="EMCY, fault reaction (position limit)",
+        act=_emcy(0x8A82),
+        kinds=("emcy", "fault"),
+        target=2,
+        since="message",
+    ),
+    Case(
+        name="EMCY, abort option (CAN passive)", act=_emcy(0x8120), kinds=("emcy", "fault"), target=2, since="message"
+    ),
+    Case(
+        name="following error grows: motor runs away",
+        act=lambda t: t.inject("following_error", rate_counts_s=float(t.rng.choice([-1, 1]) * t.rng.uniform(150, 400))),
+        kinds=("following",),
+        target=2,
+        since="threshold",
+    ),
+    Case(name="axis stuck", act=lambda t: t.inject("stuck"), kinds=("following",), target=2, since="threshold"),
+    Case(
+        name="3 TPDOs in a row missing",
+        act=lambda t: t.inject("lost", frames=["status"], direction="tx"),
+        kinds=("silent",),
+        target=4,
+        why="3 missing answers are known when the 4th SYNC is due",
+    ),
+    Case(
+        name="PVT records lost: queue runs low",
+        act=lambda t: t.inject("lost", frames=["record"], direction="rx"),
+        kinds=("queue",),
+        target=32,
+        types=("epos2", "mix2"),
+        why="0.4 s queued, stopped at 0.1 s left",
+    ),
+    Case(
+        name="drive heartbeat lost",
+        act=lambda t: t.inject("heartbeat_loss"),
+        kinds=("heartbeat",),
+        target=27,
+        why="250 ms after the last heartbeat heard",
+    ),
+    Case(
+        name="cable of one drive cut",
+        act=lambda t: t.inject("lost"),
+        kinds=("silent",),
+        target=4,
+        reachable=False,
+        why="as missing TPDOs",
+    ),
+    Case(name="one drive bus off", act=lambda t: t.inject("bus_off"), kinds=("silent",), target=4, reachable=False),
+    Case(
+        name="cable of all drives cut",
+        act=lambda t: t.inject("lost", joint="all"),
+        kinds=("silent",),
+        target=28,
+        reachable=False,
+        why="the drives stop themselves, 250 ms after the last heartbeat they heard",
+    ),
+    Case(
+        name="the master's bus takes no frames",
+        act=lambda t: setattr(t.tap, "refuses", True),
+        kinds=("bus",),
+        target=28,
+        reachable=False,
+        why="the drives stop themselves, as above",
+    ),
+    Case(name="Ctrl-C", act=lambda _: os.kill(os.getpid(), signal.SIGINT), kinds=("interrupt",), target=2),
+    Case(name="SIGTERM", act=lambda _: os.kill(os.getpid(), signal.SIGTERM), kinds=("interrupt",), target=2),
+    Case(
+        name="exception in the main thread",
+        act=_raise_in_main,
+        kinds=("internal",),
+        target=None,
+        why="raised by the progress callback, which runs every 200 ms",
+    ),
+    Case(
+        name="SYNC late > 1 T",
+        act=lambda t: setattr(t.tap, "hold_s", t.drives.bus.sync_ms * 1e-3 * t.rng.uniform(2.2, 4)),
+        kinds=("late",),
+        target=1,
+        types=("epos4", "epos1", "mix"),
+        why="from when the thread runs again",
+    ),
+    Case(
+        name="boot-up mid-run",
+        act=lambda t: t.inject("nmt_reset"),
+        kinds=("reboot", "fault"),
+        target=1,
+        since="message",
+    ),
+)
