@@ -159,4 +159,6 @@ def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.nd
             held[rows] = True
             if leg.p_OP and not complete:
                 complete, held[rows.stop - 1] = True, False
+            elif leg.p_OP:
+                held[rows.start] = False  # where the object comes to rest the fingers still have it
     return load, held, touching
