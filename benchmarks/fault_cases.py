@@ -17,7 +17,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim import SimulatedDrives
 from drake_hand.epos.sim_faults import Fault
 
-ARM_SYNC = 70
+ARM_SYNC = 56
 """The fault's random moment is counted from this SYNC, when the plan has begun."""
 
 

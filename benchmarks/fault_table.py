@@ -38,8 +38,8 @@ from drake_hand.epos.sim_timeline import Event, Header, Row, read_timeline
 from drake_hand.epos.state import Control, State
 from drake_hand.epos.stops import FOLLOWING_SHARE
 
-MOTION_S = 1.2
-WITHIN_S = 0.7
+MOTION_S = 1.0
+WITHIN_S = 0.6
 STAMP_S = 1.1e-3
 """How much before a frame the simulated drives may date what it did."""
 BY_ITSELF_S = 0.27

@@ -1,0 +1,100 @@
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_hand.epos.record import NO_QUEUE, Fault, RunHeader, RunRecord
+from drake_hand.errors import InputError
+
+FAULT = Fault(kind="emcy", text="a (node 1): over-current", time_s=0.4, sync=40, joint="a", node=1, code=0x2310)
+HEADER = RunHeader(
+    version="0.1.0",
+    started="2026-01-01T00:00:00+00:00",
+    plan_hash="0" * 64,
+    hand="kanguera",
+    joints=["a", "b"],
+    nodes=[1, 2],
+    types=["epos2", "epos4"],
+    sync_ms=10,
+    lead=5,
+    bus="virtual",
+    realtime=False,
+    ok=False,
+    faults=[FAULT],
+    not_disabled=["b"],
+)
+
+
+def run(delay: float = 0.0, k: int = 60) -> RunRecord:
+    step = np.arange(k)
+    t = step * 0.01
+    q = np.stack([np.sin(3 * t), 0.5 * np.cos(2 * t)], axis=1)
+    seen = np.stack([np.sin(3 * (t - delay)), 0.5 * np.cos(2 * (t - delay))], axis=1)
+    return RunRecord(
+        header=HEADER,
+        t=t,
+        late_ms=np.full(k, 0.2),
+        step=step,
+        playing=step < k - 10,
+        commanded=q,
+        measured=seen,
+        status=np.full((k, 2), 0x0637, np.uint16),
+        queued=np.full((k, 2), NO_QUEUE, np.int16),
+    )
+
+
+def test_what_is_saved_is_what_is_read(tmp_path):
+    record = run()
+    record.measured[3, 1] = np.nan
+    file = tmp_path / "x.run.npz"
+    record.save(file)
+    again = RunRecord.load(file)
+    assert again.header == record.header
+    for name in ("t", "late_ms", "step", "playing", "commanded", "measured", "status", "queued"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
+
+
+def test_plan_time_begins_after_the_lead_in():
+    assert run().plan_time[[0, 5, 6]] == pytest.approx([-0.05, 0.0, 0.01])
+
+
+@given(st.floats(-0.02, 0.02))
+def test_lag_is_the_delay(delay):
+    found, rest = run(delay).lag()
+    assert found == pytest.approx([delay, delay], abs=2e-3)
+    assert rest.max() < 0.6
+
+
+def test_lag_leaves_out_what_was_not_heard_and_joints_that_rest():
+    record = run(0.01)
+    record.commanded[:, 1] = record.measured[:, 1] = 0.3
+    record.measured[10:20, 0] = np.nan
+    delay, rest = record.lag()
+    assert delay == pytest.approx([0.01, 0.0], abs=2e-3)
+    assert np.isfinite(rest).all()
+
+
+@pytest.mark.parametrize("damage", ["empty", "text", "cut", "other", "shape", "header"])
+def test_what_is_no_record_is_refused(tmp_path, damage):
+    file = tmp_path / "x.run.npz"
+    record = run()
+    record.save(file)
+    if damage == "empty":
+        file.write_bytes(b"")
+    elif damage == "text":
+        file.write_text("hello")
+    elif damage == "cut":
+        file.write_bytes(file.read_bytes()[:300])
+    elif damage == "other":
+        np.savez(file, a=np.zeros(3))
+    elif damage == "shape":
+        object.__setattr__(record, "measured", np.zeros((7, 2)))
+        record.save(file)
+    else:
+        header = msgspec.structs.replace(HEADER, joints=["a", "b", "c"])
+        object.__setattr__(record, "header", header)
+        record.save(file)
+    with pytest.raises(InputError) as e:
+        RunRecord.load(file)
+    assert e.value.file == file
