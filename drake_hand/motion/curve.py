@@ -31,6 +31,11 @@ class Limits:
     p_OCom: np.ndarray
     I_OCom: np.ndarray
 
+    @property
+    def weight(self) -> float:
+        """The object's on earth, N."""
+        return self.mass * _G
+
     @classmethod
     def of(cls, path: Path) -> Limits:
         """The hand's limits; the object's inertia goes with the mass the task gives it."""

@@ -23,8 +23,8 @@ RAMP_S = 0.3
 
 _GRID = 201
 _JOINTS, _POSE = 5e-6, 5e-7
-_CONTACTS = {"p_OP": 2e-6, "f_W": 1e-3, "q_offset": 2e-5}
-"""What the plan's interpolation between knots may add: rad, m or quaternion; m, N, rad."""
+_CONTACTS = {"p_OP": 2e-6, "f_W": 2e-3, "q_offset": 2e-5}
+"""What the plan's interpolation between knots may add: rad, m or quaternion; m, weights of the object, rad."""
 _DECIMALS = 10
 
 
@@ -76,6 +76,9 @@ def _by_part(legs: tuple[Leg, ...]) -> Iterator[list[Leg]]:
                 raise ValueError(f"leg {i} does not start where leg {i - 1} ends")
             if leg.mode != before.mode and not leg.events:
                 raise ValueError(f"leg {i} changes mode {before.mode} to {leg.mode} without an event")
+            loads = [(x.f_W is None, x.q_offset is None) for x in (before, leg)]
+            if not leg.events and loads[0] != loads[1]:
+                raise ValueError(f"legs {i - 1} and {i} are one part, but only one of them carries forces")
             if leg.events:
                 yield part
                 part = []
@@ -124,8 +127,9 @@ class _Timed:
             cubic = np.einsum("up,npm->num", u[:, None] ** np.arange(4), hermite(t, x, dx))
             ratio = np.max(np.abs(cubic.reshape(x_exact.shape) - x_exact) / tolerance, axis=1)
             for name, exact in contacts_exact.items():
-                error = np.abs(linear(between, t, contacts[name]) - exact) / _CONTACTS[name.partition(" ")[0]]
-                ratio = np.maximum(ratio, error.max(axis=1))
+                error = np.abs(linear(between, t, contacts[name]) - exact).max(axis=1)
+                unit = self.curve.limits.weight if name.startswith("f_W") else 1.0
+                ratio = np.maximum(ratio, error / unit / _CONTACTS[name.partition(" ")[0]])
             split = ratio.reshape(-1, 3).max(axis=1) > 1
             if not split.any():
                 break
