@@ -125,15 +125,15 @@ class _Rating:
             fresh = self._promising(np.concatenate(swaps), margin + 1e-3)
             if not len(fresh):
                 return row, margin
-            rating = self._rate(fresh)
+            rating = self._rate(fresh, margin)
             top = int(rating.argmax())
             if rating[top] < margin + 1e-3:
                 return row, margin
             row, margin = fresh[top], float(rating[top])
 
-    def _rate(self, combos: np.ndarray) -> np.ndarray:
-        """(R,) least margin on the best order of steps."""
-        return self._widest(*self._lattice(combos))[0][:, -1]
+    def _rate(self, combos: np.ndarray, least: float = -np.inf) -> np.ndarray:
+        """(R,) least margin on the best order of steps; -inf where that is below `least`."""
+        return self._widest(combos, least)[0][:, -1]
 
     def _clear(self, combos: np.ndarray) -> np.ndarray:
         """Combinations whose fingers are clear of one another, each at its base or its end."""
@@ -179,41 +179,39 @@ class _Rating:
             combos = combos[some]
         return combos
 
-    def _lattice(self, combos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Margins over all sets of fingers that have stepped back already.
+    def _widest(self, combos: np.ndarray, least: float = -np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Widest paths over the sets of fingers that have stepped back.
 
         Returns:
-            whole (R, 2^slots) with all fingers, and lifted (R, 2^slots, slots) without one that is still at its end
-            (-inf where it has stepped back already).
+            Least margin on the best order of steps to each set (R, 2^slots), and the last step of that order. What
+            cannot reach `least` is not followed further.
         """
         R, U, slots = len(combos), len(self.subsets), len(self.fingers)
         ends = 1 - self.subsets
-        rows = np.repeat(combos, U, axis=0)
-        whole = self._margins(rows, np.tile(ends, (R, 1)), np.full(R * U, -1)).reshape(R, U)
-        lifted = np.full((R, U, slots), -np.inf)
-        for slot in range(slots):
-            todo = np.flatnonzero(self.subsets[:, slot] == 0)
-            rows = np.repeat(combos, len(todo), axis=0)
-            values = self._margins(rows, np.tile(ends[todo], (R, 1)), np.full(len(rows), slot))
-            lifted[:, todo, slot] = values.reshape(R, len(todo))
-        return whole, lifted
-
-    def _widest(self, whole: np.ndarray, lifted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least margin on the best order of steps to each set (R, 2^slots), and its last step (widest paths)."""
-        R, U = whole.shape
+        whole = np.full((R, U), np.nan)
         width, last = np.full((R, U), -np.inf), np.full((R, U), -1)
-        width[:, 0] = whole[:, 0]
-        slots = len(self.fingers)
-        for u in sorted(range(1, U), key=lambda u: int(self.subsets[u].sum())):
-            for slot in np.flatnonzero(self.subsets[u]):
-                before = u - (1 << (slots - 1 - slot))
-                value = np.minimum(np.minimum(width[:, before], lifted[:, before, slot]), whole[:, u])
-                better = value > width[:, u]
-                width[better, u], last[better, u] = value[better], slot
+        everyone = np.full(R, -1)
+        width[:, 0] = self._margins(combos, np.tile(ends[0], (R, 1)), everyone)
+        for u in np.argsort(self.subsets.sum(axis=1), kind="stable"):
+            rows = np.flatnonzero(width[:, u] >= least)
+            for slot in np.flatnonzero(self.subsets[u] == 0):
+                if not len(rows):
+                    break
+                lifted = self._margins(combos[rows], np.tile(ends[u], (len(rows), 1)), np.full(len(rows), slot))
+                value, after = np.minimum(width[rows, u], lifted), u + (1 << (slots - 1 - slot))
+                gain = value > np.maximum(width[rows, after], least)
+                some, value = rows[gain], value[gain]
+                ask = some[np.isnan(whole[some, after])]
+                whole[ask, after] = self._margins(
+                    combos[ask], np.tile(ends[after], (len(ask), 1)), everyone[: len(ask)]
+                )
+                value = np.minimum(value, whole[some, after])
+                better = value > width[some, after]
+                width[some[better], after], last[some[better], after] = value[better], slot
         return width, last
 
     def _order(self, row: np.ndarray) -> tuple[int, ...]:
-        _, last = self._widest(*self._lattice(row[None]))
+        _, last = self._widest(row[None])
         u, order = len(self.subsets) - 1, []
         while u:
             slot = int(last[0, u])
