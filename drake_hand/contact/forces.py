@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import clarabel
 import numpy as np
 from scipy import sparse
+from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import skew, solve_least_squares
 from drake_hand.errors import NoPlanFound
@@ -217,14 +218,45 @@ def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | flo
     return np.sqrt(np.maximum(force, 0.0) * np.sqrt(curvature) / (np.pi * pad.hydroelastic_modulus_pa))
 
 
-def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, depth_W: np.ndarray) -> np.ndarray:
-    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip's compression takes.
+def roll_correction(
+    depth: np.ndarray, n_W: np.ndarray, R_WT: np.ndarray, R_WO: np.ndarray, touching: np.ndarray
+) -> np.ndarray:
+    """How far a compressed tip's centre has to move aside so that it rolls where the uncompressed one would.
+
+    A tip pressed in by d rolls on radius r - d. Where a path was made for radius r, its surface then slips
+    by v = d' n + d (dn/dt - w_T x n) over the object's, n pointing into the object; the tangential part of -v,
+    integrated from `make` on and carried along with the object, undoes it. Left out, a turn of a pencil lags by
+    5 deg.
+
+    Args:
+        depth: (n, k) compression, m.
+        n_W: (n, k, 3) unit normals into the object.
+        R_WT: (n, k, 3, 3) orientation of the tips.
+        R_WO: (n, 3, 3) orientation of the object.
+        touching: (n, k) where there is contact.
+
+    Returns:
+        (n, k, 3) displacement of tip centres, zero where there is no contact, m.
+    """
+    out = np.zeros_like(n_W)
+    for j in range(1, len(depth)):
+        n, n0 = n_W[j], n_W[j - 1]
+        turned = Rotation.from_matrix(R_WT[j] @ R_WT[j - 1].transpose(0, 2, 1)).as_rotvec()
+        slipped = 0.5 * (depth[j] + depth[j - 1])[:, None] * (n - n0 - np.cross(turned, 0.5 * (n + n0)))
+        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T - slipped
+        moved -= n * np.sum(n * moved, axis=1, keepdims=True)
+        out[j] = np.where((touching[j] & touching[j - 1])[:, None], moved, 0.0)
+    return out
+
+
+def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:
+    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip centre has to move.
 
     Args:
         hand: the hand; K is its joint stiffness.
         J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
         f_W: (n, fingers, 3) force of each finger on the object, N.
-        depth_W: (n, fingers, 3) compression of each tip, towards the object, m.
+        moved_W: (n, fingers, 3) tip centres beside their path, from compression and :func:`roll_correction`, m.
 
     Returns:
         (n, nq) rad.
@@ -234,7 +266,7 @@ def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, depth_W: np.nda
         c = finger.columns
         J = J_WP[:, i, :, : len(c)]
         out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
-        out[:, c] += solve_least_squares(J, depth_W[:, i], damping=_DAMPING)
+        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING)
     return out
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import msgspec
@@ -15,10 +15,10 @@ from pydrake.geometry import (
     Capsule,
     Cylinder,
     GeometryId,
+    GeometryInstance,
     ProximityProperties,
     RoleAssign,
     SceneGraph,
-    Shape,
     Sphere,
     TriangleSurfaceMesh,
     VolumeMesh,
@@ -46,9 +46,9 @@ ContactKind = Literal["hydroelastic", "point"]
 
 STEP = 1.0e-3
 """Time step, s."""
-_PAD_MESH = 3.0e-3
+_PAD_MESH = 2.0e-3
 """Edge length of a fingertip's hydroelastic mesh, m."""
-_SIDES = 48
+_SIDES = 32
 """Of the polyhedron that stands for a round object."""
 _HARD = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
@@ -100,7 +100,7 @@ class Touch:
     slip_W: np.ndarray
     """(fingers, 3) velocity of the tip's surface over the object's, m/s; zero where a tip does not touch."""
     strays: tuple[str, ...]
-    """Links other than fingertips that touch the object."""
+    """Pairs of links that touch, other than a fingertip and the object."""
 
 
 class Physics:
@@ -108,8 +108,7 @@ class Physics:
 
     The object is held before that by locking its floating joint, the only fixture there is.
 
-    Hydroelastic fingertips are compliant, the object rigid. Drake inscribes a polyhedron in each round shape, 0.1 mm
-    too small for these; shapes are enlarged so that the polyhedron has the true volume.
+    Hydroelastic fingertips are compliant, the object rigid.
     """
 
     def __init__(
@@ -157,8 +156,15 @@ class Physics:
             AddCompliantHydroelasticProperties(_PAD_MESH, pad.hydroelastic_modulus_pa, tip)
             AddRigidHydroelasticProperties(_edge(object_), body)
         object_ = object_.with_mass(object_.mass * change.mass)
+        shapes = tuple(replace(g, size=_grown(g.kind, g.size, body)) for g in object_.geometries)
+        tips = tuple(replace(f, radius=_grown("sphere", (f.radius,), tip)[0]) for f in hand.fingers)
         added = add_hand_and_object(
-            plant, scene_graph, hand, object_, tip_properties=lambda _: tip, object_properties=body
+            plant,
+            scene_graph,
+            replace(hand, fingers=tips),
+            replace(object_, geometries=shapes),
+            tip_properties=lambda _: tip,
+            object_properties=body,
         )
         self._object = plant.GetBodyByName(object_.link, added.object)
         self._tips = [plant.GetBodyByName(f.tip_link, added.hand) for f in hand.fingers]
@@ -168,10 +174,6 @@ class Physics:
         plant.mutable_gravity_field().set_gravity_vector(np.asarray(gravity, dtype=float))
         _same_friction(plant, scene_graph, added.hand, material)
         plant.Finalize()
-        if contact == "hydroelastic":
-            for shaped in (*self._tips, self._object):
-                for g in plant.GetCollisionGeometriesForBody(shaped):
-                    _true_volume(plant, scene_graph, g)
         self._finger = {
             g: i for i, tip_body in enumerate(self._tips) for g in plant.GetCollisionGeometriesForBody(tip_body)
         }
@@ -212,11 +214,13 @@ class Physics:
         """Contacts now."""
         n = len(self._tips)
         f, moment, strays = np.zeros((n, 3)), np.zeros((n, 3)), set()
-        for bodies, point, force in self._contacts():
-            fingers = [self._finger[g] for g in bodies if g in self._finger]
-            if not fingers:
-                strays |= {self._name(g) for g in bodies if g not in self._surface}
+        for pair, point, force in self._contacts():
+            fingers = [self._finger[g] for g in pair if g in self._finger]
+            on_object = [g in self._surface for g in pair]
+            if not fingers or not any(on_object):
+                strays.add(" - ".join(sorted(self._name(g) for g in pair)))
                 continue
+            force = force if on_object[1] else -force
             f[fingers[0]] += force
             moment[fingers[0]] += point * np.linalg.norm(force)
         size = np.linalg.norm(f, axis=1)
@@ -229,23 +233,17 @@ class Physics:
         return Touch(f_W=f, p_W=p, slip_W=slip, strays=tuple(sorted(strays)))
 
     def _contacts(self) -> list[tuple[tuple[GeometryId, GeometryId], np.ndarray, np.ndarray]]:
-        """Contacts of the object: the two geometries, the point, the force on the object."""
+        """Contacts with a force: the two geometries, the point, the force on the second."""
         results = self.plant.get_contact_results_output_port().Eval(self._context)
         out = []
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
-            pair = (surface.id_M(), surface.id_N())
-            force = info.F_Ac_W().translational()
-            if pair[0] in self._surface or pair[1] in self._surface:
-                out.append((pair, surface.centroid(), force if pair[0] in self._surface else -force))
+            out.append(((surface.id_M(), surface.id_N()), surface.centroid(), -info.F_Ac_W().translational()))
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
-            pair = (info.point_pair().id_A, info.point_pair().id_B)
-            force = info.contact_force()
-            if pair[0] in self._surface or pair[1] in self._surface:
-                out.append((pair, info.contact_point(), force if pair[1] in self._surface else -force))
-        return out
+            out.append(((info.point_pair().id_A, info.point_pair().id_B), info.contact_point(), info.contact_force()))
+        return [contact for contact in out if contact[2].any()]
 
     def _velocity(self, body: RigidBody, p_W: np.ndarray) -> np.ndarray:
         V = self.plant.EvalBodySpatialVelocityInWorld(self._context, body)
@@ -297,19 +295,23 @@ def _same_friction(
             scene_graph.AssignRole(plant.get_source_id(), g, properties, RoleAssign.kReplace)
 
 
-def _true_volume(plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId) -> None:
-    """Enlarges a round shape so that its inscribed polyhedron has the volume of the shape."""
-    inspector = scene_graph.model_inspector()
-    shape = inspector.GetShape(geometry)
-    mesh = inspector.maybe_get_hydroelastic_mesh(geometry)
-    if mesh is None or not isinstance(shape, Sphere | Cylinder | Capsule):
-        return  # boxes and meshes are polyhedra
-    lacking = CalcVolume(shape) / _mesh_volume(mesh)
-    if isinstance(shape, Sphere):
-        larger: Shape = Sphere(shape.radius() * lacking ** (1 / 3))
-    else:
-        larger = type(shape)(shape.radius() * lacking**0.5, shape.length())
-    scene_graph.ChangeShape(plant.get_source_id(), geometry, larger)
+def _grown(kind: str, size: tuple[float, ...], properties: ProximityProperties) -> tuple[float, ...]:
+    """Size of a round shape whose inscribed hydroelastic polyhedron has the volume of the shape asked for.
+
+    Drake's polyhedra are inscribed, 0.1 mm too small for a fingertip.
+    """
+    make = {"sphere": Sphere, "capsule": Capsule, "cylinder": Cylinder}.get(kind)
+    if make is None:
+        return size  # boxes and meshes are polyhedra
+    scratch = SceneGraph()
+    source = scratch.RegisterSource("scratch")
+    instance = GeometryInstance(RigidTransform(), make(*size), kind)
+    instance.set_proximity_properties(properties)
+    mesh = scratch.model_inspector().maybe_get_hydroelastic_mesh(scratch.RegisterAnchoredGeometry(source, instance))
+    if mesh is None:
+        return size
+    lacking = CalcVolume(make(*size)) / _mesh_volume(mesh)
+    return (size[0] * lacking ** (1 / 3 if kind == "sphere" else 1 / 2), *size[1:])
 
 
 def _mesh_volume(mesh: VolumeMesh | TriangleSurfaceMesh) -> float:

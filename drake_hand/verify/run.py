@@ -35,7 +35,7 @@ class Record:
     slip_W: np.ndarray
     """(k, fingers, 3) velocity of the tip's surface over the object's, m/s."""
     strays: tuple[tuple[str, ...], ...]
-    """Links other than fingertips that touch the object, per sample."""
+    """Pairs of links that touch, other than a fingertip and the object, per sample."""
     wall_s: float
     """How long the computer took."""
 
@@ -74,7 +74,7 @@ class Run:
     """Of the rolling contact that slipped most."""
     slips: list[Slip]
     strays: dict[str, float]
-    """Seconds for which links other than fingertips touched the object."""
+    """Seconds for which two links touched, other than a fingertip and the object."""
     errors: Errors
     realtime_factor: float
 
@@ -93,9 +93,9 @@ def judge(
     dropped = dropped or not record.f_W[-1].any()
     errors = {"position": off.position_mm[-1], "tilt": off.tilt_deg[-1], "rotation": abs(off.rotation_deg[-1])}
     strays: dict[str, float] = {}
-    for links, counts in zip(record.strays, k, strict=True):
-        for link in links if counts else ():
-            strays[link] = strays.get(link, 0.0) + step
+    for pairs, counts in zip(record.strays, k, strict=True):
+        for pair in pairs if counts else ():
+            strays[pair] = strays.get(pair, 0.0) + step
     thin = slice(None, None, max(1, round(_REPORT_EVERY / step)))
 
     def reported(values: np.ndarray, digits: int) -> list[float]:
@@ -121,7 +121,7 @@ def judge(
         worst_tilt_deg=float(off.tilt_deg.max()),
         slip_mm=max((s.slip_mm for s in slid), default=0.0),
         slips=slid,
-        strays={link: round(seconds, 3) for link, seconds in strays.items()},
+        strays={pair: round(seconds, 3) for pair, seconds in strays.items()},
         errors=Errors(
             t=reported(t, 3),
             position_mm=reported(off.position_mm, 4),

@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.equilibrium import margins
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
+from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
@@ -143,3 +144,26 @@ def test_weight_offsets_undo_gravity(hand):
     slope = np.array([(energy(q[0] + h * e) - energy(q[0] - h * e)) / (2 * h) for e in np.eye(hand.nq)])
     np.testing.assert_allclose(hand.stiffness * weight_offsets(scene, q, g)[0], slope, atol=1e-8)
     assert np.abs(slope).max() > 1e-3
+
+
+def test_a_compressed_tip_follows_the_path_of_the_whole_one():
+    """A tip of radius r rolls along a plane; pressed in by d it would fall behind by d per radian."""
+    d, turn = 2e-4, np.linspace(0, 0.6, 61)
+    n_W = np.zeros((61, 1, 3))
+    n_W[..., 2] = -1.0
+    R_WT = Rotation.from_rotvec(np.outer(turn, [0, 1.0, 0])).as_matrix()[:, None]
+    still = np.repeat(np.eye(3)[None], 61, axis=0)
+    touching = np.ones((61, 1), bool)
+    touching[:10] = False
+    moved = roll_correction(np.full((61, 1), d), n_W, R_WT, still, touching)[:, 0]
+    np.testing.assert_allclose(moved[:11], 0)
+    # rolling forward about +y the centre moves along +x by r per radian; the patch, nearer by d, needs d less
+    np.testing.assert_allclose(moved[-1], [-d * (turn[-1] - turn[10]), 0, 0], atol=1e-9)
+
+
+def test_a_tip_carried_round_by_the_object_needs_no_correction():
+    """Tip and object turn as one: nothing rolls, however deep the tip is pressed."""
+    turn = Rotation.from_rotvec(np.outer(np.linspace(0, 1, 41), [0.2, 0.5, -0.3])).as_matrix()
+    n_W = turn[:, None] @ np.array([0.0, 0.6, 0.8])
+    moved = roll_correction(np.full((41, 1), 2e-4), n_W, turn[:, None], turn, np.ones((41, 1), bool))
+    np.testing.assert_allclose(moved, 0, atol=1e-7)
