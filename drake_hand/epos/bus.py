@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import time
 from typing import Annotated, Any
 
 import can
@@ -15,6 +16,7 @@ from drake_hand.errors import InputError
 
 UDP_GROUP, UDP_PORT = "239.74.163.2", 43113
 """Where python-can's udp_multicast meets by default."""
+_SAME_CLOCK_S = 5.0
 _UDP_BUFFER = 4 << 20
 _CHANNELS = {"udp_multicast": UDP_GROUP, "virtual": "drake-hand"}
 
@@ -64,3 +66,9 @@ class BusSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
             with socket.socket(fileno=os.dup(bus.fileno())) as shared:
                 shared.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _UDP_BUFFER)
         return bus
+
+
+def when(message: can.Message) -> float:
+    """Time of a frame, s since the epoch: its stamp, or now where an interface stamps with a clock of its own."""
+    now = time.time()
+    return message.timestamp if abs(message.timestamp - now) < _SAME_CLOCK_S else now

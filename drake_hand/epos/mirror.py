@@ -18,6 +18,7 @@ import numpy as np
 
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
+from drake_hand.epos.bus import when
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim_pvt import Record, cubic
@@ -25,6 +26,7 @@ from drake_hand.epos.state import BIT12, State, decode_state
 from drake_hand.errors import InputError
 
 _RUN = 1 << 4
+_BEHIND_S = 0.05
 _CLEAR_QUEUE = bytes([0x2F]) + o.IP_BUFFER_CLEAR.index.to_bytes(2, "little") + bytes([o.IP_BUFFER_CLEAR.sub])
 
 
@@ -183,19 +185,20 @@ class Mirror:
 
 
 def listen(bus: can.BusABC, mirror: Mirror, period_s: float) -> Iterator[Pose]:
-    """Poses from the bus, one each `period_s` seconds, until the caller stops asking.
+    """Poses from the bus as of the last frame, one each `period_s` seconds, until the caller stops asking.
 
     Only ``bus.recv`` is ever called.
     """
-    due = time.time()
+    t = due = time.time()
     while True:
         message = bus.recv(max(due - time.time(), 0.0))
         if message and not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
-            mirror.hear(message.arbitration_id, bytes(message.data), time.time())
-        now = time.time()
-        if now >= due:
-            yield mirror.pose(now)
-            due = max(due + period_s, now)
+            t = when(message)
+            mirror.hear(message.arbitration_id, bytes(message.data), t)
+        # a machine too busy to keep up shows the newest it has, not what has been waiting
+        if time.time() >= due and (message is None or time.time() - t < _BEHIND_S):
+            yield mirror.pose(t)
+            due = max(due + period_s, time.time())
 
 
 def replay(record: RunRecord, period_s: float) -> Iterator[Pose]:

@@ -148,18 +148,24 @@ class _HandModel:
         """(3,) middle of its box, m."""
         self.size = float(np.linalg.norm(np.ptp(bounds, axis=0)))
         """Diagonal of its box, m."""
-        self.show(np.zeros(len(joints)))
+        for link, X_WL in self.move(np.zeros(len(joints))).items():
+            self.show(link, X_WL)
 
-    def show(self, q: np.ndarray) -> None:
-        """Moves to joint positions (n,) [rad]; NaN leaves a joint where it is."""
+    def move(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Moves to joint positions (n,) [rad], NaN leaving a joint as it is; poses (4, 4) of the links that moved."""
         known = np.isfinite(q)
         self._q[np.array(self._columns)[known]] = q[known]
         self._urdf.update_cfg(self._q)
+        moved = {}
         for link in self._links:
             X_WL = np.array(self._urdf.get_transform(link), float)  # a copy: yourdfpy keeps changing its own
             if link not in self._shown or np.abs(X_WL - self._shown[link]).max() > _STILL:
-                self._shown[link] = X_WL
-                self._path[link].set_transform(X_WL)
+                self._shown[link] = moved[link] = X_WL
+        return moved
+
+    def show(self, link: str, X_WL: np.ndarray) -> None:
+        """Draws a link at its pose (4, 4)."""
+        self._path[link].set_transform(X_WL)
 
 
 class MirrorView:
@@ -190,8 +196,13 @@ class MirrorView:
 
     def show(self, pose: Pose) -> None:
         """Draws a pose; a commanded joint that is not known lies on the measured one."""
-        self._measured.show(pose.measured)
-        self._commanded.show(np.where(np.isfinite(pose.commanded), pose.commanded, pose.measured))
+        measured = self._measured.move(pose.measured)
+        commanded = self._commanded.move(np.where(np.isfinite(pose.commanded), pose.commanded, pose.measured))
+        # link by link, so that a browser which draws in between shows no false error
+        for link in measured | commanded:
+            for model, moved in ((self._measured, measured), (self._commanded, commanded)):
+                if link in moved:
+                    model.show(link, moved[link])
 
     def close(self) -> None:
         """Ends the server."""
