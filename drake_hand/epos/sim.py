@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 
 from drake_hand.epos import pdo, realtime, sim_faults
+from drake_hand.epos.bus import when
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim_axis import STEP_S
 from drake_hand.epos.sim_drive import SimulatedDrive
@@ -33,7 +34,6 @@ _TICK_SYNCS = 1.5
 """How often time passes where no SYNC comes, in SYNC periods."""
 _ACT_AT_ONCE = (pdo.NMT_COB, 0x500, pdo.SDO_RX_BASE)
 """Frames that may change the motion between SYNCs."""
-_SAME_CLOCK_S = 5.0
 _FIRST_SERIAL = 0x1000_0000_0000
 _FRAME_FAULTS = ("lost", "late", "duplicate")
 
@@ -171,10 +171,7 @@ class SimulatedDrives:
             while not self._stop.is_set():
                 wait = self._tick if not self._later else min(max(self._later[0][0] - time.time(), 0.0), self._tick)
                 message = self._bus.recv(wait)
-                now = time.time()
-                # some interfaces stamp with a clock of their own
-                stamped = message is not None and abs(message.timestamp - now) < _SAME_CLOCK_S
-                self.step(message.timestamp if message and stamped else now, message)
+                self.step(when(message) if message else time.time(), message)
         except BaseException as e:
             self._crash = e
 
