@@ -8,6 +8,7 @@ margin the holding predicate finds anywhere in it, evaluated in batch over many 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,15 @@ class Gait:
 
 
 def find(
-    reach: ReachTable, fingers: list[int], holding: Holding, allowed, rng: np.random.Generator, *, enough: float
+    reach: ReachTable,
+    fingers: list[int],
+    holding: Holding,
+    allowed: Callable[[frozenset[int]], bool],
+    rng: np.random.Generator,
+    *,
+    enough: float,
+    strokes: tuple[int, ...] = STROKES,
+    starts: int = STARTS,
 ) -> list[Gait]:
     """Gaits with the given fingers, the best first; the longest stroke whose margin is `enough` comes first.
 
@@ -47,17 +56,19 @@ def find(
         allowed: whether the mode with a set of finger indices in contact may be used.
         rng: for sampling.
         enough: margin with which a longer stroke is preferred over a larger margin.
+        strokes: ticks to advance, tried in this order.
+        starts: local searches per stroke.
     """
     everyone = frozenset(fingers)
     steps = [allowed(everyone - {f}) for f in fingers]
     if not allowed(everyone) or not all(steps):
         return []
     found: list[Gait] = []
-    for stroke in (s for s in STROKES if s <= reach.path.ticks):
+    for stroke in (s for s in strokes if s <= reach.path.ticks):
         pools = [_sample([h for h in reach.holds(f, 0) if len(h.q) > stroke], rng) for f in fingers]
         if not all(pools):
             continue
-        rated = _Rating(reach, fingers, holding, pools, stroke).best(rng)
+        rated = _Rating(reach, fingers, holding, pools, stroke).best(rng, starts)
         found += rated
         if rated and rated[0].margin >= enough:
             break
@@ -90,7 +101,7 @@ class _Rating:
         ]
         self.subsets = np.array(list(itertools.product((0, 1), repeat=len(fingers))))
 
-    def best(self, rng: np.random.Generator) -> list[Gait]:
+    def best(self, rng: np.random.Generator, starts: int) -> list[Gait]:
         """Local optima: from the most promising of a random sample, one contact exchanged at a time."""
         sizes = np.array([len(p) for p in self.pools])
         sample = np.unique((rng.random((SAMPLES, len(sizes))) * sizes).astype(int), axis=0)
@@ -102,7 +113,7 @@ class _Rating:
         if not len(sample):
             return []
         rating = self._rate(sample)
-        climbed = [self._climb(sample[x], rating[x], sizes) for x in np.argsort(-rating, kind="stable")[:STARTS]]
+        climbed = [self._climb(sample[x], rating[x], sizes) for x in np.argsort(-rating, kind="stable")[:starts]]
         best = {tuple(row): margin for row, margin in climbed if margin >= 0}
         return [
             Gait(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -15,13 +16,13 @@ from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning import approach, gait, grasp
+from drake_hand.planning import approach, gait, grasp, start
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.legs import gait as gait_legs
-from drake_hand.planning.object_path import ObjectPath, build, pose
+from drake_hand.planning.object_path import ObjectPath, as_pose, build, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.search import Node, Progress, Search
@@ -29,6 +30,12 @@ from drake_hand.planning.task import Pose, Step, Task
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
+QUICK = (28, 14)
+"""Strokes looked at when start poses are rated, ticks."""
+TRIED = 5
+"""Start poses, best first, that are planned from."""
+RATING_SHARE = 0.5
+"""Of the time limit, for rating start poses."""
 ENOUGH = 0.3
 """Margin over that with which a gait's longer stroke counts for more, N."""
 GRASPS = 4
@@ -73,20 +80,17 @@ class Planner:
         """Plans all steps from a start pose X_WO (4, 4)."""
         steps = list(self.task.motion)
         builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
-        holds: list[Hold] | None = self._start_inside(builder)
+        self._start_inside(builder)
         i = 0
         while i < len(steps):
             kind = steps[i].kind
             if kind == "release":
                 self._release(builder)
-                holds, i = None, i + 1
+                i += 1
                 continue
-            moving = steps[i + 1 :] if kind == "grasp" else steps[i:]
-            count = next(
-                (k for k, s in enumerate(moving) if s.kind not in ("rotate", "translate", "move_to")), len(moving)
-            )
-            self._phase(builder, steps[i] if kind == "grasp" else None, build(builder.X_WO, moving[:count]))
-            i += count + (kind == "grasp")
+            moving = _moving(steps[i + 1 :] if kind == "grasp" else steps[i:])
+            self._phase(builder, steps[i] if kind == "grasp" else None, build(builder.X_WO, moving))
+            i += len(moving) + (kind == "grasp")
         legs = builder.legs
         holding = self._holding()
         if isinstance(holding, Equilibrium):
@@ -100,28 +104,49 @@ class Planner:
             stats={"stages_s": self.stages, "expansions": self.expansions, "regrasps": self.regrasps},
         )
 
+    def rate(self, X_WO: np.ndarray) -> float:
+        """How promising a start pose is: the margin of the best gait or grasp found with little effort, -inf if none."""
+        step = self.task.motion[0]
+        assert step.grasp is not None, "validated: start: auto begins with a grasp"
+        path = build(X_WO, _moving(list(self.task.motion[1:])))
+        try:
+            fingers, q_parked, table = self._reach(path, step.grasp.fingers)
+        except NoPlanFound:
+            return -np.inf
+        if len(fingers) < 2:
+            return -np.inf
+        holding, rng = self._holding(), np.random.default_rng(self.task.options.seed)
+        if self._periodic(table):
+            found = gait.find(table, fingers, holding, self._allowed, rng, enough=ENOUGH, strokes=QUICK, starts=3)
+            builder = LegBuilder(self.hand, q_parked, X_WO)
+            able = (g for g in found if approach.close(builder, self.clearance, list(g.holds)))
+            return next((g.margin for g in able), -np.inf)
+        return next((score for score, _ in grasp.select(table, fingers, holding, rng)), -np.inf)
+
+    def _periodic(self, table: ReachTable) -> bool:
+        """Whether the path turns a symmetric object far enough for a periodic gait."""
+        return table.symmetric and table.path.ticks > max(gait.STROKES)
+
+    def _reach(self, path: ObjectPath, named: list[str] | None) -> tuple[list[int], np.ndarray, ReachTable]:
+        """The fingers that take part (all that can, unless named), the posture beside them, and their reach table."""
+        fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
+        parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
+        q_parked = approach.park(self.clearance, path, parked)
+        self._check_palm(path, q_parked)
+        posture = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
+        table = ReachTable(self.clearance, path, self.task.options.model, posture)
+        if named is None:
+            fingers = [i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > min(USABLE, path.ticks)]
+        return fingers, q_parked, table
+
     def _phase(self, builder: LegBuilder, step: Step | None, path: ObjectPath) -> None:
-        if step is not None and step.grasp is not None:
-            named = step.grasp.fingers
-            fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
-        else:
-            fingers, named = sorted(builder.touching), None
         with self.stage("reach"):
-            parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
-            q_parked = approach.park(self.clearance, path, parked)
-            self._check_palm(path, q_parked)
-            table = ReachTable(
-                self.clearance,
-                path,
-                self.task.options.model,
-                {i: q_parked[self.hand.fingers[i].columns] for i in parked},
-            )
-            if step is not None:
+            if step is not None and step.grasp is not None:
+                fingers, q_parked, table = self._reach(path, step.grasp.fingers)
                 builder.q = q_parked.copy()
-                if named is None:
-                    fingers = [
-                        i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > min(USABLE, path.ticks)
-                    ]
+            else:
+                touching = [self.hand.fingers[i].name for i in sorted(builder.touching)]
+                fingers, q_parked, table = self._reach(path, touching)
         holding = self._holding()
         search = Search(
             reach=table,
@@ -153,7 +178,7 @@ class Planner:
 
     def _gait(self, builder: LegBuilder, search: Search, fingers: list[int], path: ObjectPath) -> list[Node] | None:
         """A periodic gait, where the path turns a symmetric object far enough for one."""
-        if not search.reach.symmetric or path.ticks <= max(gait.STROKES):
+        if not self._periodic(search.reach):
             return None
         with self.stage("gait"):
             rng = np.random.default_rng(self.task.options.seed)
@@ -331,8 +356,42 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
         started=started,
     )
     planner.stages["model"] = time.monotonic() - started
-    assert isinstance(task.start, Pose)
-    return planner.run(pose(task.start))
+    return planner.run(pose(task.start)) if isinstance(task.start, Pose) else _find_start(planner)
+
+
+def _find_start(planner: Planner) -> Path:
+    """Plans from the start poses that are rated best, one after the other."""
+    task, rng = planner.task, np.random.default_rng(planner.task.options.seed)
+    rated: list[tuple[float, Pose]] = []
+    until = planner.started + RATING_SHARE * task.options.time_limit_s
+    with planner.stage("start"):
+        for k, X in enumerate(start.poses(task, planner.clearance, rng)):
+            where = as_pose(X)
+            rated.append((planner.rate(pose(where)), where))
+            fraction = (k + 1) / start.RATED
+            planner.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - planner.started))
+            if time.monotonic() > until:
+                break
+    failures: list[NoPlanFound] = []
+    for value, where in sorted(rated, key=lambda r: -r[0])[:TRIED]:
+        if not np.isfinite(value):
+            break
+        planner.task = msgspec.structs.replace(task, start=where)
+        try:
+            return planner.run(pose(where))
+        except NoPlanFound as e:
+            failures.append(e)
+    if failures:
+        raise max(failures, key=lambda e: e.evidence.get("progress", 0.0))
+    raise NoPlanFound(
+        f"none of {len(rated)} start poses tried gives a grasp that holds in any mode",
+        evidence={"mode": None, "finger": None, "constraint": "start: auto", "X_WO": None},
+    )
+
+
+def _moving(steps: list[Step]) -> list[Step]:
+    """The leading steps that move the object in one go."""
+    return list(itertools.takewhile(lambda s: s.kind in ("rotate", "translate", "move_to"), steps))
 
 
 def _check_names(task: Task, hand: Hand) -> None:

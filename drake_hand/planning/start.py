@@ -1,0 +1,87 @@
+"""``start: auto``: object poses worth planning from, rated before the full planner tries them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.task import Task
+
+DRAWN = 4000
+"""Poses drawn before the first, coarse choice."""
+RATED = 40
+"""Poses rated with reach tables."""
+TILT = np.radians(30.0)
+"""How far the object's long axis may lean from the line of the finger bases."""
+
+
+def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """Poses X_WO (4, 4) in the reach of many fingers, the most promising first.
+
+    The object's long axis lies along the line of the finger bases, as a pencil lies across the fingers, give or take
+    30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through its own
+    origin and the object is symmetric about its long axis, half of the poses align the two.
+
+    Args:
+        task: what is asked.
+        clearance: of the scene.
+        rng: for sampling.
+    """
+    surface = clearance.surface
+    tips = [
+        kin.fk(kin.lower + rng.random((3000, len(kin.lower))) * (kin.upper - kin.lower))[0]
+        for kin in clearance.kinematics
+    ]
+    trees = [cKDTree(t) for t in tips]
+    everything = np.concatenate(tips)
+    low, high = np.percentile(everything, [5, 95], axis=0)
+    axis = _base_line(clearance)
+    turned = next((s.rotate for s in task.motion if s.rotate), None)
+    given = None
+    if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
+        given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
+    samples, _ = surface.sample(8e-3)
+    near = np.abs(samples @ surface.long_axis) < 0.06
+    samples = samples[near]
+    found = []
+    for k in range(DRAWN):
+        along = given if given is not None and k % 2 == 0 else _lean(axis, rng)
+        X = np.eye(4)
+        X[:3, :3] = (
+            _aligned(surface.long_axis, along)
+            @ Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi)).as_matrix()
+        )
+        X[:3, 3] = rng.uniform(low, high)
+        reach = 0.0
+        p_W = samples[:: max(1, len(samples) // 24)] @ X[:3, :3].T + X[:3, 3]
+        for tree, kin in zip(trees, clearance.kinematics, strict=True):
+            gap = np.abs(tree.query(p_W)[0] - kin.finger.radius)
+            reach += float(np.sqrt((gap < 3e-3).mean()))
+        found.append((reach, X))
+    order = sorted(range(len(found)), key=lambda k: -found[k][0])
+    for k in order[:RATED]:
+        yield found[k][1]
+
+
+def _base_line(clearance: Clearance) -> np.ndarray:
+    """(3,) unit direction of the row of finger bases; the base farthest from the rest, the thumb's, does not count."""
+    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in clearance.hand.fingers])
+    if len(bases) > 3:
+        apart = np.linalg.norm(bases[:, None] - bases[None], axis=2).sum(axis=1)
+        bases = np.delete(bases, int(apart.argmax()), axis=0)
+    return np.linalg.svd(bases - bases.mean(axis=0))[2][0]
+
+
+def _lean(axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    side = rng.normal(size=3)
+    side -= axis * (side @ axis)
+    return Rotation.from_rotvec(side / np.linalg.norm(side) * TILT * np.sqrt(rng.random())).apply(axis)
+
+
+def _aligned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(3, 3) the shortest rotation that takes unit vector a to b."""
+    return Rotation.align_vectors(b[None], a[None])[0].as_matrix()
