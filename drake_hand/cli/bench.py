@@ -52,7 +52,7 @@ def bench(*, runs: Annotated[int, Parameter(validator=Number(gte=1))] = 3, seed:
     """
     found: Samples = {}
     missing: dict[str, str] = {}
-    for name, measure in {"ik": _ik, "equilibrium": _equilibrium, "planning": _planning}.items():
+    for name, measure in {"ik": _ik, "equilibrium": _equilibrium, "planning": _planning, "physics": _physics}.items():
         print(f"measuring {name} ...", file=sys.stderr)
         try:
             for key, values in measure(runs, seed):
@@ -135,6 +135,14 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
         "five_over_three",
         [plan_s(turned(spin, 360.0, fingers=["thumb", "index", "middle", "ring", "little"])) / three],
     )
+
+
+def _physics(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand import api
+    from drake_hand.verify.replay import simulate
+
+    plan = api.plan(turned(Task.load("spin"), 90.0), seed=seed)
+    yield "realtime_factor", [simulate(plan, perturb=False).realtime_factor for _ in range(runs)]
 
 
 def turned(task: Task, angle_deg: float, *, fingers: list[str] | None = None) -> Task:
