@@ -30,8 +30,10 @@ from drake_hand.epos.state import State
 from drake_hand.errors import InputError
 from drake_hand.files import load, write_atomic
 
-_TICK_SYNCS = 1.5
-"""How often time passes where no SYNC comes, in SYNC periods."""
+_TICK_S = 5e-3
+"""How often time passes at least."""
+_ROW_SYNCS = 1.5
+"""After how many SYNC periods without SYNC the timeline gets a row all the same."""
 _ACT_AT_ONCE = (pdo.NMT_COB, 0x500, pdo.SDO_RX_BASE)
 """Frames that may change the motion between SYNCs."""
 _FIRST_SERIAL = 0x1000_0000_0000
@@ -98,7 +100,7 @@ class SimulatedDrives:
         self._order = itertools.count()
         self._commands: queue.SimpleQueue[Fault] = queue.SimpleQueue()
         self._now = 0.0
-        self._tick = _TICK_SYNCS * drives.bus.sync_ms * 1e-3
+        self._row_s, self._last_row = _ROW_SYNCS * drives.bus.sync_ms * 1e-3, 0.0
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._crash: BaseException | None = None
@@ -169,7 +171,7 @@ class SimulatedDrives:
         realtime.claim()
         try:
             while not self._stop.is_set():
-                wait = self._tick if not self._later else min(max(self._later[0][0] - time.time(), 0.0), self._tick)
+                wait = _TICK_S if not self._later else min(max(self._later[0][0] - time.time(), 0.0), _TICK_S)
                 message = self._bus.recv(wait)
                 self.step(when(message) if message else time.time(), message)
         except BaseException as e:
@@ -188,9 +190,10 @@ class SimulatedDrives:
             due, _, act = heapq.heappop(self._later)
             self._pass_time(max(due, self._now))
             act()
-        if t - self._now >= self._tick:
+        if t - self._now >= _TICK_S:
             self._pass_time(t)
-            self._timeline.row(t, self._simulated, synced=False)
+            if t - self._last_row >= self._row_s:
+                self._record(synced=False)
         while not self._commands.empty():
             self._begin(sim_faults.resolve(self._commands.get(), self.drives, self._rng))
 
@@ -219,7 +222,7 @@ class SimulatedDrives:
                 else:
                     self._receive(i, cob, data)
         if cob == pdo.SYNC_COB:
-            self._timeline.row(t, self._simulated, synced=True)
+            self._record(synced=True)
 
     def _defer(self, t: float, act: Callable[[], None]) -> None:
         heapq.heappush(self._later, (t, next(self._order), act))
@@ -227,6 +230,10 @@ class SimulatedDrives:
     def _receive(self, i: int, cob: int, data: bytes) -> None:
         if self._simulated[i].on_bus:
             self._simulated[i].receive(cob, data, self._now)
+
+    def _record(self, *, synced: bool) -> None:
+        self._last_row = self._now
+        self._timeline.row(self._now, self._simulated, synced=synced)
 
     def _listening(self, cob: int) -> list[int]:
         """Indices of the drives a frame is for."""

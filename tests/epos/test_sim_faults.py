@@ -185,7 +185,7 @@ def test_dead_master_all_stop_within_the_consumer_time_and_the_ramp(three, tmp_p
     assert np.ptp(position[(t > dead) & (t < dead + 0.2)][:, 0]) > 150  # the queue alone ran on
     stopped = {e.joint: e.t - dead for e in events if e.what == "quick stop active"}
     assert sorted(stopped) == ["j1", "j2", "j3"]
-    assert all(0.25 < s < 0.28 for s in stopped.values())
+    assert all(0.24 < s < 0.265 for s in stopped.values())  # the last heartbeat came 10 ms before the last SYNC
 
 
 def test_timeline_has_every_sync_and_every_change(three, tmp_path):
