@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,7 +18,7 @@ from drake_hand.planning.task import Task
 
 Row = list[float]
 
-_UNIT = 1e-6
+_UNIT, _SAME_TIME = 1e-6, 1e-9
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -73,8 +74,7 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     certified: bool
     samples: int
     worst: dict[str, Worst]
-    """By field: contact_mm, slip_mm, penetration_mm, limit_margin_rad, speed_ratio, acceleration_ratio,
-    rest_speed_rad_s, force_margin, goal_position_mm, goal_rotation_deg, mode."""
+    """By field; the fields are those `drake_hand.verify.certificate.certify` explains."""
     failures: list[str]
     plan_hash: str
     """Hash of the plan it certifies."""
@@ -135,84 +135,48 @@ class Plan(_Strict, frozen=True, kw_only=True):
         return plan
 
     def validate(self, file: Path | None = None) -> None:
-        """Checks shapes and order of all arrays.
+        """Checks shapes, order and sanity of all arrays.
 
         Raises:
             InputError: naming the key.
         """
-        nq = len(self.joints)
-        if len(set(self.joints)) != nq:
-            raise InputError("joint named twice", file=file, key="joints", found=self.joints, expected="distinct names")
-        end = 0.0
+
+        def refuse(message: str, key: str, found: object, expected: object) -> None:
+            raise InputError(message, file=file, key=key, found=found, expected=expected)
+
+        if len(set(self.joints)) != len(self.joints):
+            refuse("joint named twice", "joints", self.joints, "distinct names")
+        end, last = 0.0, np.array(self.parts[0].X_WO[:1]).reshape(-1)[:4]
         for i, part in enumerate(self.parts):
-            key = f"parts[{i}]"
+            key, n = f"parts[{i}]", len(part.t)
             if len(part.mode) != len(self.fingers) or set(part.mode) - set("012"):
-                raise InputError(
-                    "not a mode of this hand",
-                    file=file,
-                    key=f"{key}.mode",
-                    found=part.mode,
-                    expected=f"{len(self.fingers)} digits 0, 1, 2",
-                )
-            n = len(part.t)
+                refuse("not a mode of this hand", f"{key}.mode", part.mode, f"{len(self.fingers)} digits 0, 1, 2")
             if n < 2 or not np.all(np.diff(part.t) > 0) or not math.isfinite(part.t[0]):
-                raise InputError(
-                    "times must increase",
-                    file=file,
-                    key=f"{key}.t",
-                    expected="2 or more, strictly increasing",
-                )
-            if abs(part.t[0] - end) > 1e-9:
-                raise InputError(
-                    "part does not start where the one before ended",
-                    file=file,
-                    key=f"{key}.t[0]",
-                    found=part.t[0],
-                    expected=end,
-                )
-            end = part.t[-1]
-            shapes: list[tuple[str, list[Row] | None, int]] = [
-                ("q", part.q, nq),
-                ("v", part.v, nq),
-                ("X_WO", part.X_WO, 7),
-                ("V_WO", part.V_WO, 7),
-                ("q_offset", part.q_offset, nq),
-            ]
-            for name, contact in part.contacts.items():
-                if name not in self.fingers:
-                    raise InputError(
-                        "unknown finger", file=file, key=f"{key}.contacts", found=name, expected=self.fingers
-                    )
-                shapes += [
-                    (f"contacts.{name}.p_OP", contact.p_OP, 3),
-                    (f"contacts.{name}.f_W", contact.f_W, 3),
-                ]
-            for what, rows, width in shapes:
-                if rows is not None and (len(rows) != n or any(len(r) != width for r in rows)):
-                    raise InputError(
-                        "array has the wrong shape",
-                        file=file,
-                        key=f"{key}.{what}",
-                        found=f"{len(rows)} rows",
-                        expected=f"({n}, {width})",
-                    )
-                if rows is not None and not np.isfinite(rows).all():
-                    raise InputError("number is not finite", file=file, key=f"{key}.{what}", expected="finite numbers")
-            lengths = np.linalg.norm(np.array(part.X_WO)[:, :4], axis=1)
-            if np.any(np.abs(lengths - 1) > _UNIT):
-                raise InputError(
-                    "quaternion is not a unit quaternion",
-                    file=file,
-                    key=f"{key}.X_WO",
-                    found=f"length {lengths[np.argmax(np.abs(lengths - 1))]:g}",
-                    expected="length 1",
-                )
+                refuse("times must increase", f"{key}.t", f"{n} times", "2 or more, strictly increasing")
+            if abs(part.t[0] - end) > _SAME_TIME:
+                refuse("part does not start where the one before ended", f"{key}.t[0]", part.t[0], end)
+            for name, rows, width in self._arrays(part):
+                if len(rows) != n or any(len(r) != width for r in rows):
+                    refuse("array has the wrong shape", f"{key}.{name}", f"{len(rows)} rows", f"({n}, {width})")
+                if not np.isfinite(rows).all():
+                    refuse("number is not finite", f"{key}.{name}", "nan or inf", "finite numbers")
+            quaternions = np.array(part.X_WO)[:, :4]
+            same_side = np.sum(quaternions * np.vstack([last, quaternions[:-1]]), axis=1) > 0
+            if np.abs(np.linalg.norm(quaternions, axis=1) - 1).max() > _UNIT or not same_side.all():
+                expected = "length 1, each in the hemisphere of the one before"
+                refuse("quaternions are not of unit length, or change sign", f"{key}.X_WO", None, expected)
+            end, last = part.t[-1], quaternions[-1]
             touching = {f for f, c in zip(self.fingers, part.mode, strict=True) if c != "0"}
             if touching != set(part.contacts):
-                raise InputError(
-                    "contacts do not fit the mode",
-                    file=file,
-                    key=f"{key}.contacts",
-                    found=sorted(part.contacts),
-                    expected=sorted(touching),
-                )
+                refuse("contacts do not fit the mode", f"{key}.contacts", sorted(part.contacts), sorted(touching))
+
+    def _arrays(self, part: Part) -> Iterator[tuple[str, list[Row], int]]:
+        """All arrays of a part that are there: name, rows and width."""
+        nq = len(self.joints)
+        yield from (("q", part.q, nq), ("v", part.v, nq), ("X_WO", part.X_WO, 7), ("V_WO", part.V_WO, 7))
+        if part.q_offset is not None:
+            yield "q_offset", part.q_offset, nq
+        for name, contact in part.contacts.items():
+            yield f"contacts.{name}.p_OP", contact.p_OP, 3
+            if contact.f_W is not None:
+                yield f"contacts.{name}.f_W", contact.f_W, 3

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import SignedDistancePair
+from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from drake_hand.model.scene import Scene
@@ -81,7 +82,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     torque = np.zeros((k, hand.nq))
     pressing = np.any(states.f_W, axis=2)
     for i in range(k):
-        scene.set(states.q[i], states.X_WO[i])
+        scene.set(states.q[i], RigidTransform(states.X_WO[i]))
         look.tips(X_WC[i])
         clearance[i], pair = look.distances(digits[i], gap[i], n_W[i])
         nearest.append(pair)

@@ -17,7 +17,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.motion.plan import Plan
 from drake_hand.motion.timing import time_path
 from drake_hand.planning.path import Leg, Path
-from drake_hand.planning.task import Grasp, Options, Pose, Release, Rotate, Step, Task, Translate
+from drake_hand.planning.task import Grasp, Options, Pose, Push, Release, Rotate, Step, Task, Translate
 
 NAMES = ("middle", "index", "thumb")
 MODE = "00111"
@@ -42,10 +42,11 @@ class Maker:
         zero = self.scene.expand(np.zeros(self.hand.nq))
         self.coupling = self.scene.expand(np.eye(self.hand.nq)) - zero
 
-    def reach(self, q: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """Joints that bring the three tip centres (3, 3) in W to where they should be."""
+    def reach(self, q: np.ndarray, centres: np.ndarray, names=NAMES) -> np.ndarray:
+        """Joints that bring tip centres (k, 3) in W to where they should be."""
         q = q.copy()
-        for finger, centre in zip(self.fingers, centres, strict=True):
+        for name, centre in zip(names, centres, strict=True):
+            finger = self.hand.finger(name)
             c = finger.columns
 
             def off(x, c=c, finger=finger, centre=centre):
@@ -73,12 +74,13 @@ class Maker:
         )
         return J[:, : len(self.coupling[0])] @ self.coupling.T
 
-    def carry(self, q: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def carry(self, q: np.ndarray, X: np.ndarray, names=NAMES) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Joints (n, nq) and contact points in O while the object goes through poses X (n, 4, 4)."""
-        rows, points = [q], {name: [self.contact(q, X[0], f)] for name, f in zip(NAMES, self.fingers, strict=True)}
+        fingers = [self.hand.finger(name) for name in names]
+        rows, points = [q], {name: [self.contact(q, X[0], f)] for name, f in zip(names, fingers, strict=True)}
         for before, after in pairwise(X):
             q = rows[-1].copy()
-            for name, finger in zip(NAMES, self.fingers, strict=True):
+            for name, finger in zip(names, fingers, strict=True):
                 q = self.follow(q, finger, before, after)
                 points[name].append(self.contact(q, after, finger))
             rows.append(q)
@@ -220,5 +222,39 @@ def make_plan(*, model: str = "rolling", hold: str = "equilibrium", timing: str 
         start=Pose(xyz_mm=START_MM),
         motion=motion,
         options=Options(model=model, hold=hold, timing=timing),
+    )
+    return time_path(Path(legs=tuple(legs), hand=maker.hand, object=maker.object, task=task))
+
+
+def make_push() -> Plan:
+    """The thumb alone pushes the sphere, which lies on a support, along the normal of its contact."""
+    maker = Maker()
+    thumb = maker.hand.finger("thumb")
+    start, n = pose(START_MM), DIRECTIONS[2] / np.linalg.norm(DIRECTIONS[2])
+    by = -2e-3 * n
+    reach = maker.radius + thumb.radius
+    seed = maker.hand.q_home.copy()
+    seed[thumb.columns] = SEEDS[2]
+
+    def at(X, gap):
+        return maker.reach(seed, np.array([X[:3, 3] + n * (reach + gap)]), ["thumb"])
+
+    gaps = np.linspace(LIFT, 0, 7)
+    there = np.array([pose(np.array(START_MM) + 1000 * x * by) for x in np.linspace(0, 1, KNOTS)])
+    q, p_OP = maker.carry(at(start, 0.0), there, ["thumb"])
+    away = np.array([q[-1], *[at(there[-1], gap) for gap in gaps[::-1][1:]]])
+    legs = [
+        Leg(
+            mode="00000", q=np.array([at(start, gap) for gap in gaps]), X_WO=np.repeat(start[None], 7, axis=0), p_OP={}
+        ),
+        Leg(mode="00001", events=("make thumb",), q=q, X_WO=there, p_OP=p_OP),
+        Leg(mode="00000", events=("break thumb",), q=away, X_WO=np.repeat(there[-1:], 7, axis=0), p_OP={}),
+    ]
+    task = Task(
+        hand="kanguera",
+        object="sphere",
+        start=Pose(xyz_mm=START_MM),
+        motion=[Step(push=Push(finger="thumb", by_mm=tuple((1000 * by).tolist())))],
+        options=Options(hold="kinematic"),
     )
     return time_path(Path(legs=tuple(legs), hand=maker.hand, object=maker.object, task=task))

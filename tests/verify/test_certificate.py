@@ -8,7 +8,7 @@ import sys
 import msgspec
 import numpy as np
 import pytest
-from grasped_sphere import ANGLE_DEG, BY_MM, MODE, NAMES, START_MM, Maker, make_plan
+from grasped_sphere import ANGLE_DEG, BY_MM, MODE, NAMES, START_MM, Maker, make_plan, make_push
 
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
@@ -16,7 +16,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.motion.plan import Plan
 from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.task import Grasp, Pose, Release, Rotate, Step, Translate
+from drake_hand.planning.task import Grasp, Pose, Release, Rotate, Slide, Step, Translate
 from drake_hand.verify.certificate import certify
 from drake_hand.verify.observe import sample_times
 
@@ -408,12 +408,47 @@ def test_forces_that_are_missing(held, scene):
         (lambda p: edited(p, 1, v=lambda v: v * np.nan), "parts[1].v"),
         (lambda p: edited(p, 1, X_WO=lambda X: X * 2), "parts[1].X_WO"),
         (lambda p: replace(p, parts=p.parts[1:]), "parts[0].t[0]"),
+        (lambda p: edited(p, 0, X_WO=lambda X: X * ([[1]] * (len(X) - 1) + [[-1]])), "parts[0].X_WO"),
+        (lambda p: edited(p, 1, X_WO=lambda X: X * [[-1] * 4 + [1] * 3]), "parts[1].X_WO"),
     ],
 )
 def test_a_plan_for_other_models_or_malformed_is_an_input_error(kinematic, scene, change, key):
     with pytest.raises(InputError) as e:
         certify(change(kinematic), scene=scene)
     assert e.value.key == key
+
+
+def test_a_finger_may_push_what_lies_on_a_support(scene):
+    push = make_push()
+    broken(push, scene)
+    # without a push in the task, two fingers have to hold what moves
+    moved = Step(translate=Translate(by_mm=push.task.motion[0].push.by_mm))
+    broken(with_task(push, motion=[Step(grasp=Grasp()), moved]), scene, "contacts", "mode")
+    # and it is the finger the task names that pushes
+    other = Step(push=replace(push.task.motion[0].push, finger="index"))
+    broken(with_task(push, motion=[other]), scene, "drift_mm")
+
+
+def test_a_slide_is_as_long_as_the_task_asks(kinematic, scene):
+    """The index contact's way over the sphere, called a slide."""
+    part = kinematic.parts[1]
+    p_OP = np.array(part.contacts["index"].p_OP)
+    length = float(np.linalg.norm(np.diff(p_OP, axis=0), axis=1).sum() * 1000)
+    sliding = replace(kinematic, parts=[kinematic.parts[0], replace(part, mode="00121"), kinematic.parts[2]])
+
+    def told(x):
+        motion = kinematic.task.motion
+        return with_task(sliding, motion=[*motion[:3], Step(slide=Slide(finger="index", by_mm=(x, 0.0))), motion[3]])
+
+    assert length > 1
+    broken(told(length), scene)
+    worst = broken(told(length + 0.5), scene, "goal_position_mm")["goal_position_mm"]
+    assert worst.value == pytest.approx(0.5, abs=0.05)
+    assert worst.where == "step 4, slide"
+    asked = with_task(
+        kinematic, motion=[*kinematic.task.motion[:3], told(length).task.motion[3], Step(release=Release())]
+    )
+    assert "never slides" in broken(asked, scene, "mode")["mode"].where
 
 
 def test_a_plan_file_carries_its_certificate(kinematic, scene, tmp_path):
