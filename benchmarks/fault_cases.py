@@ -14,11 +14,12 @@ import numpy as np
 
 from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.schedule import LEAD_IN_S
 from drake_hand.epos.sim import SimulatedDrives
 from drake_hand.epos.sim_faults import Fault
 
-ARM_SYNC = 56
-"""The fault's random moment is counted from this SYNC, when the plan has begun."""
+ARM_SYNC = 25
+"""The fault's random moment is counted from this SYNC and the lead-in, when the plan has begun."""
 
 
 class Tap:
@@ -26,11 +27,13 @@ class Tap:
 
     Args:
         bus: the master's.
-        arm: called once, at the SYNC of number `ARM_SYNC`.
+        arm: called once, when the plan has begun.
+        sync_ms: SYNC period.
     """
 
-    def __init__(self, bus: can.BusABC, arm: Callable[[], None]) -> None:
+    def __init__(self, bus: can.BusABC, arm: Callable[[], None], sync_ms: int) -> None:
         self._bus, self._arm = bus, arm
+        self._begin = ARM_SYNC + round(LEAD_IN_S * 1e3 / sync_ms)
         self.channel_info = bus.channel_info
         self.sent: list[tuple[float, int, bytes]] = []
         self.heard: list[tuple[float, int, bytes]] = []
@@ -47,7 +50,7 @@ class Tap:
         self._bus.send(message, timeout)
         if message.arbitration_id == pdo.SYNC_COB:
             self.syncs += 1
-            if self.syncs == ARM_SYNC:
+            if self.syncs == self._begin:
                 self._arm()
 
     def recv(self, timeout: float | None = None) -> can.Message | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -86,7 +87,7 @@ def _pdo_writes(node: int, pdo: Pdo | None, base: int, communication: int) -> li
     ]
 
 
-def configure(master: Master, drives: tuple[Drive, ...], bus: BusSpec) -> list[str]:
+def configure(master: Master, drives: Sequence[Drive], bus: BusSpec) -> list[str]:
     """Writes and reads back everything, all drives at once.
 
     Returns:
@@ -110,7 +111,7 @@ def _configure(master: Master, drive: Drive, bus: BusSpec) -> list[str]:
     return problems
 
 
-def release(master: Master, drives: tuple[Drive, ...]) -> list[str]:
+def release(master: Master, drives: Sequence[Drive]) -> list[str]:
     """Takes the drives off the master's heartbeat, so that they do not fault when it leaves; what did not take."""
 
     def one(drive: Drive) -> str | None:

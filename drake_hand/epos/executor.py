@@ -139,6 +139,7 @@ def execute(
             disabled = measured is not None and not any(c.state.powered for c in conditions)
             raise Refused(problems, wrong_input=wrong_input, disabled=disabled)
         progress(Progress(stage="configuring"))
+        watching: list[str] = []
         try:
             problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
             problems += [
@@ -147,8 +148,10 @@ def execute(
             if problems:
                 raise Refused(problems, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             run = _play(master, plan, schedule, str(bus.channel_info), progress)
+            watching = run.record.header.not_disabled
         finally:
-            release(master, drives.drives)
+            # a drive that was not read back goes on watching the master, and stops when that leaves
+            release(master, [d for d in drives.drives if d.joint not in watching])
     if log:
         run.record.save(log)
     return run
@@ -243,7 +246,7 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
             raise
         finally:
             not_disabled = discovery.disable_all(master, drives.drives)
-            faults = [_with_history(master, f) for f in player.faults]
+            faults = [f if f.joint in not_disabled else _with_history(master, f) for f in player.faults]
             master.detach()
     header = RunHeader(
         version=__version__,

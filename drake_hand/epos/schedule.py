@@ -96,13 +96,16 @@ class Schedule:
         """What asks more of a motor than its drive may give: joint, node, amount, time and limit; one each at most.
 
         Speed is the larger of the commanded one and of the way made in a period less one count (a jump shows there);
-        acceleration is the change of speed over a period.
+        acceleration is the change of speed over a period, or that of the cubic between PVT records, whole counts and
+        all, as an EPOS2 computes it.
         """
         found = []
         way = np.maximum(np.abs(np.diff(self.counts, axis=0)) - 1, 0) / self.period
         for i, d in enumerate(self.drives.drives):
             speed = np.maximum(np.abs(self.rpm[1:, i]), way[:, i] * 60.0 / d.counts_per_turn)
             acceleration = np.abs(np.diff(self.rpm[:, i])) / self.period
+            if d.type == "epos2":
+                acceleration = np.maximum(acceleration, np.repeat(self._record_acceleration(i), self.record_steps))
             for what, unit, values, limit in (
                 ("speed", "rpm", speed, d.max_speed_rpm),
                 ("acceleration", "rpm/s", acceleration, d.max_acceleration_rpm_s),
@@ -115,6 +118,14 @@ class Schedule:
                         f"limit {limit:.0f} {unit}"
                     )
         return found
+
+    def _record_acceleration(self, i: int) -> np.ndarray:
+        """Largest acceleration [rpm/s] between each two PVT records of a drive: at one end of their cubic."""
+        rows, T = slice(None, None, self.record_steps), self.record_steps * self.period
+        v = np.rint(self.rpm[rows, i])
+        mean = np.diff(self.counts[rows, i]) / T * 60.0 / self.drives.drives[i].counts_per_turn
+        first, last = 6 * mean - 4 * v[:-1] - 2 * v[1:], 2 * v[:-1] + 4 * v[1:] - 6 * mean
+        return np.maximum(np.abs(first), np.abs(last)) / T
 
     def far_from_start(self, measured: np.ndarray) -> list[str]:
         """Joints that are not where the plan starts.

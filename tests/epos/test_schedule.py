@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ from swing import swing
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S, START_TOLERANCE_DEG, Schedule
+from drake_hand.epos.sim_pvt import Record, end_accelerations
 from drake_hand.errors import InputError
 from drake_hand.motion.trajectory import Trajectory
 
@@ -106,6 +108,22 @@ def test_too_much_acceleration_is_found():
     found = Schedule.build(PLAN, limited(max_acceleration_rpm_s=500.0)).violations()
     assert len(found) == 1
     assert "motor acceleration" in found[0]
+
+
+def test_accelerations_of_pvt_records_are_those_the_drive_computes(schedule):
+    """Encoder steps and all: the simulated drive's own queue is the judge."""
+    i, r, T = 5, schedule.record_steps, schedule.record_steps * schedule.period
+    rows = zip(schedule.counts[::r, i], np.rint(schedule.rpm[::r, i]) * 64 / 60, strict=True)
+    records = [Record(float(p), float(v), T) for p, v in rows]
+    of_drive = [max(map(abs, end_accelerations(a, b))) * 60 / 64 for a, b in pairwise(records)]
+    assert schedule._record_acceleration(i) == pytest.approx(of_drive)
+    limit = max(of_drive)
+    steps = np.abs(np.diff(schedule.rpm[:, i])).max() / schedule.period
+    assert steps < 0.9 * limit  # the encoder's steps do show
+    drives = list(DRIVES.drives)
+    drives[i] = replace(drives[i], max_acceleration_rpm_s=0.95 * limit)
+    (found,) = Schedule.build(PLAN, replace(DRIVES, drives=tuple(drives))).violations()
+    assert "ring_pip (node 6): motor acceleration" in found
 
 
 def test_a_jump_of_the_offset_is_found():

@@ -1,0 +1,262 @@
+"""From plan to motors that moved and are disabled again: whole runs, refusals, and a master that is killed."""
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from fault_table import STAMP_S, drives_of
+from swing import swing
+
+from drake_hand.epos import executor
+from drake_hand.epos import objects as od
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.executor import Refused, execute, plan_problems, reset_faults
+from drake_hand.epos.record import RunRecord
+from drake_hand.epos.sim_faults import Fault
+from drake_hand.epos.sim_motor import LAG_S
+from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim_timeline import read_timeline
+from drake_hand.epos.state import State, decode_state
+
+KANGUERA = Drives.load()
+COUNT_DEG = 180 / 1088
+
+
+def drives_20ms(types: str) -> Drives:
+    """A period that leaves a busy machine some room."""
+    return drives_of(types, sync_ms=20)
+
+
+def explained(answer: dict, types: list[str], period: float) -> None:
+    """The tracking error is the servo's lag at the speed commanded, and what the encoder's steps add."""
+    for joint, kind in zip(answer["tracking"].values(), types, strict=True):
+        lag = LAG_S - period * 0.5 * (kind == "epos1")  # position mode is ahead by half a step on average
+        assert joint["lag_ms"] == pytest.approx(lag * 1e3, abs=4.0)
+        assert joint["unexplained_deg"] < 2.5 * COUNT_DEG + (1.5 if kind == "epos1" else 0)
+
+
+@pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
+def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, tmp_path):
+    drives = drives_20ms(types)
+    plan = swing(drives.joints, 1.0)
+    file = tmp_path / "x.run.npz"
+    seen = []
+    with virtual(drives) as (bus, sim):
+        run = execute(plan, drives, bus, log=file, progress=seen.append)
+        assert not any(s.powered for s in sim.states.values())
+        assert sim.q == pytest.approx(np.zeros(15), abs=np.radians(0.4))
+        assert not any(s.dictionary[od.CONSUMER_HEARTBEAT] for s in sim._simulated)
+    answer = run.answer()
+    assert answer["faults"] == []
+    assert (answer["ok"], answer["drives"], answer["disabled"], answer["start_skew_syncs"]) == (True, 15, True, 0)
+    assert 0 < answer["max_tracking_error_deg"] < 3
+    assert set(answer["sync_late_ms"]) == {"p50", "p99", "max"}
+    explained(answer, [d.type for d in drives.drives], 0.02)
+    record = RunRecord.load(file)
+    assert record.header == run.record.header
+    assert record.header.plan_hash == plan.hash
+    assert record.plan_time[record.playing][-1] == pytest.approx(1.0, abs=0.021)
+    assert {p.stage for p in seen} >= {"looking for drives", "configuring", "playing"}
+    assert msgspec.json.encode(answer)
+
+
+def test_fifteen_drives_in_another_process(tmp_path):
+    plan = swing(KANGUERA.joints, 1.0)
+    timeline = tmp_path / "timeline.jsonl"
+    with spawn_simulated_drives(KANGUERA, log=timeline) as spawned, spawned.open_bus() as bus:
+        answer = execute(plan, KANGUERA, bus).answer()
+    assert answer["faults"] == []
+    assert (answer["ok"], answer["disabled"], answer["start_skew_syncs"]) == (True, True, 0)
+    explained(answer, ["epos2"] * 15, 0.01)
+    _, rows, _ = read_timeline(timeline)
+    active = np.array([[word >> 12 & 1 for word in r.status] for r in rows if r.sync is not None])
+    first = active.argmax(axis=0)
+    assert active.any(axis=0).all()
+    assert np.ptp(first) == 0  # SYNC periods, as the drives themselves saw it
+    assert set(_last_states(timeline).values()) == {State.SWITCH_ON_DISABLED.value}
+
+
+def _last_states(timeline) -> dict[str, str]:
+    _, _, events = read_timeline(timeline)
+    return {e.joint: e.what for e in events if e.event == "state"}
+
+
+class Listening:
+    """A bus that notes what is sent."""
+
+    def __init__(self, bus):
+        self._bus, self.channel_info, self.sent = bus, bus.channel_info, []
+
+    def send(self, message, timeout=None):
+        self.sent.append(message.arbitration_id)
+        self._bus.send(message, timeout)
+
+    def recv(self, timeout=None):
+        return self._bus.recv(timeout)
+
+
+def refused(plan, drives, virtual, *, on_bus=None, spoil=lambda _: None, **options) -> Refused:
+    """Tries to play; nothing may be enabled, and no control word sent."""
+    with virtual(on_bus or drives, **options) as (bus, sim):
+        spoil(sim)
+        listening = Listening(bus)
+        with pytest.raises(Refused) as e:
+            execute(plan, drives, listening)
+        assert not any(s.powered for s in sim.states.values())
+    assert not [cob for cob in listening.sent if cob & 0x780 in (0x080, 0x200, 0x300, 0x400, 0x500)]
+    return e.value
+
+
+def test_every_problem_is_listed_at_once(virtual):
+    """Of the plan, of the bus, and of a drive: at once, with the status of wrong input."""
+    plan = swing(KANGUERA.joints, 0.5, certified=False)
+    slow = [replace(d, max_speed_rpm=50.0) if d.joint == "thumb_mcp" else d for d in KANGUERA.drives]
+    on_bus = [replace(d, node=33) if d.joint == "little_pip" else d for d in KANGUERA.drives]
+
+    def spoil(sim):
+        sim.inject(Fault(kind="emcy", joint="ring_pip", code=0x3220))
+
+    e = refused(
+        plan,
+        replace(KANGUERA, drives=tuple(slow)),
+        virtual,
+        on_bus=replace(KANGUERA, drives=tuple(on_bus)),
+        spoil=spoil,
+    )
+    text = "\n".join(e.problems)
+    for part in (
+        "the plan is not certified",
+        "thumb_mcp (node 15): motor speed",
+        "little_pip (node 3): no answer",
+        "node 33: on the bus",
+        "ring_pip (node 6): in fault: 0x3220 under-voltage",
+    ):
+        assert part in text
+    assert len(e.problems) == 5
+    assert e.exit_status == 2
+    assert "5 problems" in str(e)
+
+
+def test_drives_alone_are_no_wrong_input(virtual):
+    q = np.zeros(15)
+    q[4] = np.radians(8)
+    e = refused(swing(KANGUERA.joints, 0.5), KANGUERA, virtual, q=q)
+    assert len(e.problems) == 1
+    assert e.problems[0].startswith("ring_flexion (node 5): is at 7.9")
+    assert (e.exit_status, e.disabled) == (1, True)
+
+
+def test_a_drive_that_will_not_be_configured_keeps_all_from_being_enabled(virtual):
+    def spoil(sim):
+        sim._simulated[2].dictionary.entry(0x6007, 0).access = "ro"
+
+    e = refused(swing(KANGUERA.joints, 0.5), KANGUERA, virtual, spoil=spoil)
+    assert [p.split(":")[0] for p in e.problems] == ["little_pip (node 3)"]
+
+
+def test_a_drive_whose_heartbeat_was_never_heard_keeps_all_from_being_enabled(virtual):
+    def spoil(sim):
+        sim.inject(Fault(kind="heartbeat_loss", joint="index_pip"))
+
+    e = refused(swing(KANGUERA.joints, 0.5), KANGUERA, virtual, spoil=spoil)
+    assert e.problems == ["index_pip (node 12): no heartbeat, or not operational"]
+
+
+def test_a_plan_beyond_the_soft_limits_of_a_drive_is_refused(virtual):
+    def spoil(sim):
+        sim._simulated[0].dictionary[od.SOFT_LIMIT_MAX] = 20
+
+    e = refused(swing(KANGUERA.joints, 0.5), KANGUERA, virtual, spoil=spoil)
+    assert [p.split(":")[0] for p in e.problems] == ["little_abduction (node 1)"]
+
+
+PLAN = swing(KANGUERA.joints, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("plan", "word", "wrong_input"),
+    [
+        (PLAN, None, False),
+        (msgspec.structs.replace(PLAN, certificate=None), "carries no certificate", False),
+        (swing(KANGUERA.joints, 0.5, certified=False), "not certified", False),
+        (msgspec.structs.replace(PLAN, seed=7), "edited after it was certified", True),
+        (swing(KANGUERA.joints, 0.02, amplitude_deg=80), "motor speed", True),
+        (swing([*KANGUERA.joints[1:], "elbow"], 0.5), "not for the same joints", True),
+    ],
+    ids=["good", "bare", "uncertified", "edited", "fast", "other-hand"],
+)
+def test_problems_of_a_plan(plan, word, wrong_input):
+    problems, wrong = plan_problems(plan, KANGUERA)
+    assert bool(problems) == (word is not None)
+    assert word is None or any(word in p for p in problems)
+    assert wrong == wrong_input
+
+
+def test_reset_faults_tells_what_was_and_enables_nothing(virtual):
+    with virtual(KANGUERA) as (bus, sim):
+        sim.inject(Fault(kind="emcy", joint="ring_pip", code=0x3220))
+        end = time.monotonic() + 3
+        while sim.states["ring_pip"] is not State.FAULT and time.monotonic() < end:
+            time.sleep(0.01)
+        listening = Listening(bus)
+        were, remaining = reset_faults(KANGUERA, listening)
+        assert were == ["ring_pip (node 6): 0x3220 under-voltage"]
+        assert remaining == []
+        assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+
+
+PLAYER = """
+import sys
+sys.path.insert(0, {benchmarks!r})
+from swing import swing
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.executor import execute
+from drake_hand.epos.master import open_bus
+
+def progress(p):
+    print(p.stage, flush=True)
+
+drives = Drives.load()
+with open_bus(drives.bus, "udp_multicast", sys.argv[1]) as bus:
+    execute(swing(drives.joints, 6.0, swings=6, amplitude_deg=40), drives, bus, progress=progress)
+"""
+
+
+def test_a_master_that_is_killed_leaves_drives_that_stop_by_themselves(tmp_path):
+    timeline = tmp_path / "timeline.jsonl"
+    code = PLAYER.format(benchmarks=next(p for p in sys.path if p.endswith("benchmarks")))
+    with (
+        spawn_simulated_drives(KANGUERA, log=timeline) as spawned,
+        subprocess.Popen([sys.executable, "-c", code, spawned.channel], stdout=subprocess.PIPE, text=True) as master,
+    ):
+        assert master.stdout is not None
+        for line in master.stdout:
+            if line.strip() == "playing":
+                break
+        time.sleep(0.8)
+        killed = time.time()
+        master.send_signal(signal.SIGKILL)
+        master.wait()
+        time.sleep(0.6)
+    header, rows, events = read_timeline(timeline)
+    before = [r for r in rows if r.t < killed][-1]
+    assert {decode_state(word, "epos2") for word in before.status} == {State.OPERATION_ENABLED}
+    stopped = {e.joint: e.t for e in events if e.event == "state" and e.t > killed and e.what == "quick stop active"}
+    assert set(stopped) == set(header.joints)
+    limit = KANGUERA.bus.heartbeat_consumer_ms * 1e-3 + 1.5 * KANGUERA.bus.sync_ms * 1e-3 + STAMP_S
+    assert max(stopped.values()) - killed < limit
+    at_rest = np.array([r.position for r in rows if r.t > killed + limit + 0.1])
+    assert len(at_rest) > 10
+    assert np.ptp(at_rest, axis=0).max() < 1.0
+
+
+def test_the_executor_loads_light():
+    code = "import sys, drake_hand.epos.executor; print(*{m.split('.')[0] for m in sys.modules})"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"pydrake", "trimesh", "matplotlib", "yourdfpy"} & set(out)
+    assert executor.__doc__
