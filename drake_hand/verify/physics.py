@@ -229,7 +229,10 @@ class Physics:
         p[on] = moment[on] / size[on, None]
         slip = np.zeros((n, 3))
         for i in np.flatnonzero(on):
-            slip[i] = self._velocity(self._tips[i], p[i]) - self._velocity(self._object, p[i])
+            v = self._velocity(self._tips[i], p[i]) - self._velocity(self._object, p[i])
+            tip = self.plant.EvalBodyPoseInWorld(self._context, self._tips[i])
+            n = p[i] - tip.multiply(self.hand.fingers[i].p_LC)
+            slip[i] = v - n * (n @ v) / (n @ n)  # along n the pad yields
         return Touch(f_W=f, p_W=p, slip_W=slip, strays=tuple(sorted(strays)))
 
     def _contacts(self) -> list[tuple[tuple[GeometryId, GeometryId], np.ndarray, np.ndarray]]:
