@@ -15,6 +15,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.logbook import joints_where_known
 from drake_hand.epos.master import Master, for_all, open_bus
 from drake_hand.epos.objects import register_words
+from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim_process import spawn_simulated_drives
 from drake_hand.errors import InputError
@@ -62,6 +63,8 @@ def execute(
     found, hand = Plan.load(plan), Drives.load(drives)
     if simulate and (interface or channel):
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
+    if log and not log.name.endswith(SUFFIX):
+        raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
     if dry_run:
         return _dry_run(found, hand, json)
     with ExitStack() as stack:

@@ -1,0 +1,151 @@
+"""`drake-hand execute`, `drives scan` and `drives status`, as typed."""
+
+import json
+import sys
+from pathlib import Path
+
+import can
+import msgspec
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from swing import swing
+
+from drake_hand.cli import run
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.record import RunRecord
+from drake_hand.epos.sim_faults import Fault, FaultsFile
+from drake_hand.epos.sim_process import spawn_simulated_drives
+
+KANGUERA = Drives.load()
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory) -> str:
+    file = tmp_path_factory.mktemp("plans") / "swing.plan.json"
+    swing(KANGUERA.joints, 0.6).save(file)
+    return str(file)
+
+
+@pytest.fixture
+def no_bus(monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("a bus was opened")
+
+    monkeypatch.setattr(can, "Bus", refuse)
+
+
+def test_execute_on_simulated_drives(plan, tmp_path, capsys):
+    log = tmp_path / "x.run.npz"
+    assert run(["execute", plan, "--drives", "kanguera", "--simulate", "--log", str(log), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], answer["drives"], answer["faults"], answer["disabled"]) == (True, 15, [], True)
+    assert 0 < answer["max_tracking_error_deg"] < 2
+    assert set(answer["sync_late_ms"]) == {"p50", "p99", "max"}
+    assert RunRecord.load(log).header.joints == list(KANGUERA.joints)
+
+
+def test_dry_run_shows_every_frame_and_opens_no_bus(plan, capsys, no_bus):
+    assert run(["execute", plan, "--drives", "kanguera", "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    lines = out.splitlines()
+    assert "601  2b 17 10 00 64 00 00 00  little_abduction: 0x1017:00 := 0x64" in out
+    assert sum("enable run" in line for line in lines) == 15
+    assert sum(line.endswith("SYNC") for line in lines) > 100
+    assert sum("record" in line and line.endswith("last") for line in lines) == 15
+    assert lines[-1].endswith("nothing was sent")
+
+
+def test_dry_run_as_json(plan, capsys, no_bus):
+    assert run(["execute", plan, "--drives", "kanguera", "--dry-run", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], answer["dry_run"], answer["drives"]) == (True, True, 15)
+    assert answer["plan_s"] == pytest.approx(0.6)
+    assert 0.1 < answer["bus_load"]["mean"] < answer["bus_load"]["max"] < 1.0
+    assert len(answer["frames"]) > 1000
+
+
+def edited(tmp_path, plan, **changes) -> str:
+    file = tmp_path / "other.plan.json"
+    raw = msgspec.json.decode(Path(plan).read_bytes())
+    file.write_bytes(msgspec.json.encode(raw | changes))
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "words"),
+    [
+        ({"seed": 5}, 2, "edited after it was certified"),
+        ({"certificate": None}, 1, "carries no certificate"),
+        ({"schema": 2}, 2, "schema"),
+        ({"joints": ["a", *KANGUERA.joints[1:]]}, 2, "not for the same joints"),
+    ],
+    ids=["edited", "bare", "schema", "other-hand"],
+)
+def test_a_plan_that_does_not_hold_is_refused(tmp_path, plan, capsys, no_bus, changes, status, words):
+    file = edited(tmp_path, plan, **changes)
+    assert run(["execute", file, "--drives", "kanguera", "--dry-run"]) == status
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--drives", "no-such"], "no such drive"),
+        (["--drives", "kanguera", "--interface", "no-such", "--channel", "x"], "cannot open the CAN bus"),
+        (["--drives", "kanguera", "--simulate", "--channel", "x"], "--simulate has a bus of its own"),
+        (["--drives", "kanguera", "--simulate", "--log", "x.npz"], "records of a run end in .run.npz"),
+        ([], "drives"),
+    ],
+    ids=["drives", "interface", "both", "log", "none"],
+)
+def test_wrong_arguments_are_one_message_and_status_2(plan, capsys, options, words):
+    assert run(["execute", plan, *options]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_scan_status_refusal_and_reset_of_drives_of_which_one_is_in_fault(plan, capsys):
+    fault = FaultsFile(faults=[Fault(kind="emcy", joint="ring_pip", code=0x3220, since="boot", at_s=0.0)])
+
+    def answer(*tokens: str) -> tuple[int, dict]:
+        status = run([*tokens, "--json"])
+        return status, json.loads(capsys.readouterr().out)
+
+    with spawn_simulated_drives(KANGUERA, faults=fault) as spawned:
+        bus = ["--interface", spawned.interface, "--channel", spawned.channel]
+        status, found = answer("drives", "scan", "--drives", "kanguera", *bus)
+        assert (status, found["ok"], found["problems"]) == (0, True, [])
+        assert [(n["node"], n["joint"], n["type"]) for n in found["nodes"]] == [
+            (d.node, d.joint, "epos2") for d in KANGUERA.drives
+        ]
+
+        status, found = answer("drives", "status", "--drives", "kanguera", *bus)
+        assert (status, found["ok"], len(found["drives"])) == (1, False, 15)
+        ring = found["drives"][5]
+        assert (ring["joint"], ring["state"], ring["position_deg"]) == ("ring_pip", "fault", 0.0)
+        assert ring["errors"] == ["0x3220 under-voltage"]
+
+        status, found = answer("execute", plan, "--drives", "kanguera", *bus)
+        assert (status, found["ok"], found["disabled"]) == (1, False, True)
+        assert found["problems"] == ["ring_pip (node 6): in fault: 0x3220 under-voltage (--reset-faults resets it)"]
+
+        status, found = answer("execute", plan, "--drives", "kanguera", *bus, "--reset-faults")
+        assert (status, found["ok"], found["problems"]) == (0, True, [])
+        assert found["were_in_fault"] == ["ring_pip (node 6): 0x3220 under-voltage"]
+
+        assert run(["drives", "status", "--drives", "kanguera", *bus]) == 0
+        assert "15 of 15 drives answer" in capsys.readouterr().out
+        assert run(["execute", plan, "--drives", "kanguera", *bus]) == 0
+        assert "start skew: 0 SYNC periods" in capsys.readouterr().out
+
+
+def test_an_empty_bus_is_told_as_such(plan, capsys):
+    bus = ["--interface", "virtual", "--channel", "nobody"]
+    assert run(["drives", "scan", *bus]) == 1
+    assert "no node answers" in capsys.readouterr().out
+    assert run(["drives", "status", "--drives", "kanguera", *bus, "--json"]) == 1
+    assert len(json.loads(capsys.readouterr().out)["problems"]) == 15
+    assert run(["execute", plan, "--drives", "kanguera", *bus]) == 1
+    assert "is the bus powered" in capsys.readouterr().err
