@@ -9,6 +9,7 @@ import can
 import numpy as np
 from cyclopts import App
 
+from drake_hand.cli.drives_simulate import simulate as serve_simulated
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import discovery, executor, rehearsal
 from drake_hand.epos.drives import Drives
@@ -22,7 +23,7 @@ from drake_hand.errors import InputError
 from drake_hand.motion.plan import Plan
 
 app = App(name="drives", help="Scan, inspect and simulate drives.")
-app.command("drake_hand.cli.drives_simulate:simulate", name="simulate", help="Serve simulated drives on a bus.")
+app.command(serve_simulated, name="simulate")
 
 
 def execute(

@@ -6,10 +6,8 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
@@ -24,35 +22,31 @@ def simulate(
     drives: str = "kanguera",
     interface: str = "udp_multicast",
     channel: str | None = None,
-    at: Annotated[Path | None, Parameter(name="--at")] = None,
+    at: Path | None = None,
     log: Path | None = None,
     faults: Path | None = None,
     settings: Path | None = None,
     seed: int = 0,
 ) -> int:
-    """Serves simulated drives on a bus, until Ctrl-C.
+    """Serve simulated drives on a bus, until Ctrl-C.
 
     Faults can be injected while it runs: each line of JSON on standard input is one, such as
     `{"kind": "emcy", "joint": "index_pip", "code": 8976}`; `{"kind": "clear", "joint": "all"}` ends what lasts.
 
-    Parameters
-    ----------
-    drives:
-        Drives file: path or bundled name.
-    interface:
-        python-can interface.
-    channel:
-        Its channel; for udp_multicast `239.74.163.2:43113` unless given.
-    at:
-        Plan at whose first way-point the motors stand; at encoder count 0 unless given.
-    log:
-        Writes the timeline of status words and positions there (JSON lines).
-    faults:
-        Schedule of faults (YAML).
-    settings:
-        Keeps the parameters the drives are told to store (JSON), also over a restart.
-    seed:
-        Of everything random.
+    ```console
+    $ drake-hand drives simulate --at spin.plan.json
+    $ drake-hand execute spin.plan.json --drives kanguera --interface udp_multicast
+    ```
+
+    Args:
+        drives: a bundled name (kanguera) or a drives file.
+        interface: python-can interface.
+        channel: its channel; of udp_multicast 239.74.163.2:43113 unless given.
+        at: plan at whose first way-point the motors stand; at encoder count 0 unless given.
+        log: writes the timeline of status words and positions there (JSON lines).
+        faults: schedule of faults (YAML).
+        settings: keeps the parameters the drives are told to store (JSON), also over a restart.
+        seed: of everything random.
     """
     found = Drives.load(drives)
     schedule = FaultsFile.load(faults, found) if faults else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import chain, count
 from pathlib import Path
 
@@ -52,7 +52,12 @@ def mirror(
         channel: its channel.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    urdf = Hand.load(hand).urdf.file
+    with suppress(KeyboardInterrupt):
+        _mirror(run, drives, Hand.load(hand).urdf.file, interface, channel)
+    return 0
+
+
+def _mirror(run: Path | None, drives: str, urdf: Path, interface: str | None, channel: str | None) -> None:
     with ExitStack() as stack:
         if run is None:
             found = Drives.load(drives)
@@ -65,12 +70,8 @@ def mirror(
             poses = chain.from_iterable(replay(record, _PERIOD_S) for _ in count())
         view = stack.enter_context(open_view(urdf, joints))
         print(view.url, flush=True)
-        try:
-            for pose in _reporting(poses, joints):
-                view.show(pose)
-        except KeyboardInterrupt:
-            return 0
-    return 0
+        for pose in _reporting(poses, joints):
+            view.show(pose)
 
 
 def _reporting(poses: Iterator[Pose], joints: tuple[str, ...]) -> Iterator[Pose]:

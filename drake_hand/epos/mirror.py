@@ -115,7 +115,8 @@ class _Listener:
         else:
             self._target = first.position
             if not first.time:
-                self.cleared()
+                self._queue.popleft()
+                self._started = None
         return self._target
 
 

@@ -1,7 +1,9 @@
 import itertools
 import json
+import signal
 import subprocess
 import sys
+import urllib.request
 import uuid
 
 import can
@@ -94,6 +96,21 @@ def test_queue_is_followed_between_syncs_and_to_its_end(bench):
     assert not np.isnan(bench.pose().error[0])
 
 
+def test_a_second_motion_waits_behind_the_end_of_the_first(bench):
+    bench.send(0x301, pdo.pack_record(40, 0, 0))
+    for k in range(21):
+        bench.send(0x301, pdo.pack_record(40 + 5 * k, SPEED * 60 / 64 if 0 < k < 20 else 0, 10 if k < 20 else 0))
+    bench.send(0x201, b"\x1f\0")
+    bench.sync(30)
+    assert counts(bench, bench.pose().commanded)[0] == 40
+    bench.send(0x201, b"\x0f\0")
+    bench.sync()
+    bench.send(0x201, b"\x1f\0")
+    bench.sync(11)
+    assert counts(bench, bench.pose().commanded)[0] == pytest.approx(90, abs=1)
+    assert bench.sync(30)[1][1] == pytest.approx(140, abs=1)
+
+
 def test_joins_a_motion_midway(bench):
     play(bench, 20)
     bench.mirror = late = Mirror(bench.drives)
@@ -164,13 +181,13 @@ def test_listening_needs_nothing_of_a_bus_but_recv(bench):
     assert counts(bench, pose.measured)[1] == 7
 
 
-def test_replays_a_record(tmp_path):
+def ramp_record():
     header = RunHeader(
         version="0",
         started="",
         plan_hash="",
         hand="kanguera",
-        joints=["a", "b"],
+        joints=["index_pip", "thumb_mcp"],
         nodes=[1, 2],
         types=["epos2", "epos2"],
         sync_ms=10,
@@ -184,7 +201,7 @@ def test_replays_a_record(tmp_path):
     k = 20
     ramp = np.column_stack([np.linspace(0, 1, k), np.zeros(k)])
     zeros = np.zeros(k)
-    record = RunRecord(
+    return RunRecord(
         header=header,
         t=np.arange(k) * 0.01,
         late_ms=zeros,
@@ -195,12 +212,15 @@ def test_replays_a_record(tmp_path):
         status=np.zeros((k, 2), np.uint16),
         queued=np.zeros((k, 2), np.int16),
     )
-    poses = list(replay(record, 0.02))
+
+
+def test_replays_a_record():
+    poses = list(replay(ramp_record(), 0.02))
     assert 3 <= len(poses) <= 10
     assert poses[0].commanded[0] == 0.0
     assert all(np.allclose(p.error, 0.1) for p in poses)
     assert np.all(np.diff([p.commanded[0] for p in poses]) > 0)
-    assert "error 5.7 deg at a" in describe(poses[0], ("a", "b"))
+    assert "error 5.7 deg at index_pip" in describe(poses[0], ("index_pip", "thumb_mcp"))
 
 
 VIEW = """
@@ -265,3 +285,20 @@ def test_pose_error_is_commanded_minus_measured():
     pose = Pose(t=0.0, commanded=np.array([1.0, np.nan]), measured=np.array([0.25, 0.0]))
     assert pose.error[0] == 0.75
     assert np.isnan(pose.error[1])
+
+
+def test_command_replays_until_interrupted(tmp_path):
+    ramp_record().save(tmp_path / "x.run.npz")
+    code = "import sys; from drake_hand.cli import run; sys.exit(run(['mirror', sys.argv[1]]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path / "x.run.npz")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    url = process.stdout.readline().strip()
+    assert urllib.request.urlopen(url).status == 200
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert "Traceback" not in said

@@ -57,6 +57,14 @@ def test_cyclic_targets_make_a_straight_line_when_the_period_fits():
     assert (demand.position, demand.velocity, cyclic.done) == (190.0, 0.0, True)
 
 
+def test_a_target_is_reached_exactly_whatever_the_step():
+    demand, cyclic = Demand(), Cyclic()
+    cyclic.aim(10.0, demand, 0.01)
+    for _ in range(5):
+        cyclic.step(demand, 0.003)
+    assert demand.position == pytest.approx(10.0)
+
+
 def test_a_wrong_interpolation_time_shakes_the_axis():
     demand, cyclic = Demand(), Cyclic()
     cyclic.aim(10.0, demand, 0.001)
