@@ -37,18 +37,16 @@ def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
 def slip_ways(seen: Observed) -> np.ndarray:
     """(k - 1, F, 3) how far the tip's surface moves along the object's, in O, between samples, m.
 
-    That of the tip's material in contact, the mean over that of either sample, which is exact to third order.
+    That of the tip's material in contact at the first sample: where the tip rolls it moves off the surface, and along
+    it by no more than the third power of the angle.
     """
     R = np.swapaxes(seen.states.X_WO[:, None, :3, :3], -1, -2) @ seen.X_WC[..., :3, :3]
     # D takes the tip's material in O from one sample to the next
     R_D = R[1:] @ np.swapaxes(R[:-1], -1, -2)
     t_D = seen.p_OC[1:] - _turn(R_D, seen.p_OC[:-1])
-    first, second = seen.p_OS[:-1], seen.p_OS[1:]
-    forward = _turn(R_D, first) + t_D - first
-    backward = second - _turn(np.swapaxes(R_D, -1, -2), second - t_D)
+    way = _turn(R_D, seen.p_OS[:-1]) + t_D - seen.p_OS[:-1]
     n = seen.n_O[1:] + seen.n_O[:-1]
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
-    way = (forward + backward) / 2
     return way - np.sum(way * n, axis=-1, keepdims=True) * n
 
 

@@ -148,6 +148,17 @@ def test_the_inertia_of_a_long_rod_turned_about_its_middle_stretches_time():
     assert np.max(np.abs(inertia * s.A_WO[:, 0])) < 1.05 * INERTIA_SHARE * 0.01 * 9.81 * 0.01
 
 
+def test_a_mass_centre_off_the_axis_stretches_time():
+    tip_over = leg(q_at(0.0), q_at(0.1), angle=(0.0, 0.6), n=13)
+    path = path_of([dataclasses.replace(tip_over, f_W={f: np.zeros((13, 3)) for f in tip_over.p_OP})])
+    path = dataclasses.replace(path, object=dataclasses.replace(path.object, p_OCom=np.array([0.05, 0, 0])))
+    s = Trajectory(time_path(path)).at(np.linspace(0, 9, 9001))
+    arm = s.X_WO[:, :3, 0] * 0.05
+    w, dw = s.V_WO[:, :3], s.A_WO[:, :3]
+    force = 0.01 * (np.cross(dw, arm) + np.cross(w, np.cross(w, arm)))
+    assert 0.9 < np.abs(force).max() / (INERTIA_SHARE * 0.01 * 9.81) < 1.05
+
+
 def test_a_leg_in_which_only_forces_change_takes_a_fixed_time():
     still = leg(q_at(0.3), q_at(0.3), n=2)
     ramp = {f: np.array([[0.0, 0, 0], [0.5, 0, 0]]) for f in still.p_OP}

@@ -18,7 +18,7 @@ from drake_hand.motion.plan import Plan
 from drake_hand.motion.trajectory import Trajectory
 from drake_hand.planning.task import Grasp, Pose, Release, Rotate, Slide, Step, Translate
 from drake_hand.verify.certificate import certify
-from drake_hand.verify.observe import sample_times
+from drake_hand.verify.observe import observe, sample_times
 
 replace = msgspec.structs.replace
 HAND = Hand.load("kanguera")
@@ -246,6 +246,15 @@ def test_speed_and_acceleration(kinematic, field, limit):
     assert worst.where == HAND.joints[int(rates.max(axis=0).argmax())]
 
 
+def test_speed_of_the_command(held, scene):
+    def tug(rows):
+        rows[len(rows) // 2, LITTLE] = 0.3
+        return rows
+
+    worst = broken(edited(held, 1, q_offset=tug), scene, "speed_ratio")["speed_ratio"]
+    assert worst.where == "little_pip, commanded"
+
+
 def test_rest_at_mode_changes(kinematic, scene):
     def rush(rows):
         rows[-1, LITTLE] = 0.05
@@ -321,6 +330,14 @@ def test_efforts(held):
     broken(held, weak, "effort_ratio")
 
 
+def test_torques_are_those_of_the_forces_at_the_contact_points(held, scene):
+    """The hand-made offsets are K^-1 J^T f, with Jacobians of their own."""
+    seen = observe(Trajectory(held), scene)
+    s = seen.states
+    assert np.allclose(seen.torque, s.q_offset * HAND.stiffness, atol=2e-4)
+    assert np.abs(seen.torque).max() > 0.03
+
+
 def test_forces_that_do_not_balance(held, scene):
     more = with_contacts(held, 1, lambda c: replace(c, f_W=(1.06 * np.array(c.f_W)).tolist()))
     worst = broken(more, scene, "balance_ratio")
@@ -373,12 +390,20 @@ def test_start_pose(kinematic, scene):
         (lambda p: with_step(p, 0, Step(grasp=Grasp(fingers=["index", "thumb"]))), "middle not among"),
         (lambda p: with_step(p, 0, Step(grasp=Grasp(fingers=["ring", *NAMES]))), "never grasps with"),
         (lambda p: with_task(p, motion=p.task.motion[:3]), "lets go"),
+        (lambda p: without_first(p), "nothing is grasped yet"),
+        (lambda p: replace(p, parts=p.parts[:2]), "after a release"),
     ],
 )
 def test_modes(kinematic, scene, change, says):
     worst = certify(change(kinematic), scene=scene).worst
     assert not worst["mode"].ok
     assert says in worst["mode"].where
+
+
+def without_first(plan):
+    begin = plan.parts[0].t[-1]
+    parts = [replace(p, t=(np.array(p.t) - begin).tolist()) for p in plan.parts[1:]]
+    return replace(plan, parts=[replace(parts[0], events=[]), *parts[1:]])
 
 
 def edited_events(plan, index, events):
