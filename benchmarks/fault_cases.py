@@ -93,8 +93,9 @@ class Case:
     target: float | None
     """SYNC periods until every other drive has left the motion; None where the cause takes that away."""
     types: tuple[str, ...] = ("epos2", "epos4", "epos1", "mix")
-    since: Literal["fault", "message", "threshold"] = "fault"
-    """What time is counted from: the fault, the first EMCY or boot-up after it, a motor past its window's share."""
+    since: Literal["fault", "message", "threshold", "silence"] = "fault"
+    """What time is counted from: the fault, the first EMCY or boot-up after it, a motor past its window's share, the
+    first SYNC not answered."""
     reachable: bool = True
     """Whether all drives can be read back."""
     why: str = ""
@@ -142,8 +143,9 @@ CASES = (
         name="3 TPDOs in a row missing",
         act=lambda t: t.inject("lost", frames=["status"], direction="tx"),
         kinds=("silent",),
-        target=4,
-        why="3 missing answers are known when the 4th SYNC is due",
+        target=3,
+        since="silence",
+        why="the third answer is known to be missing when the next SYNC is due",
     ),
     Case(
         name="PVT records lost: queue runs low",
@@ -164,11 +166,20 @@ CASES = (
         name="cable of one drive cut",
         act=lambda t: t.inject("lost"),
         kinds=("silent",),
-        target=4,
+        target=3,
+        since="silence",
         reachable=False,
         why="as missing TPDOs",
     ),
-    Case(name="one drive bus off", act=lambda t: t.inject("bus_off"), kinds=("silent",), target=4, reachable=False),
+    Case(
+        name="one drive bus off",
+        act=lambda t: t.inject("bus_off"),
+        kinds=("silent",),
+        target=3,
+        since="silence",
+        reachable=False,
+        why="as missing TPDOs",
+    ),
     Case(
         name="cable of all drives cut",
         act=lambda t: t.inject("lost", joint="all"),

@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from fault_cases import CASES, Case, Tap, Trial
 from swing import swing
 
-from drake_hand.epos import executor
+from drake_hand.epos import executor, pdo
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.objects import IDENTITY, DriveType
 from drake_hand.epos.sim import SimulatedDrives
@@ -136,12 +136,12 @@ def _judge(
     first_stops = stops[: len(header.joints)]
     resting = _resting(rows, [header.joints.index(j) for j in others], stopped)
     return Outcome(
-        frames=(max(first_stops) - begun) / T if first_stops else np.nan,
-        stopped=(stopped - begun) / T,
+        frames=max(max(first_stops) - begun, 0.0) / T if first_stops else np.nan,
+        stopped=max(stopped - begun, 0.0) / T,  # a drive may date it a little before the frame that did it
         syncs=sum(1 for r in rows if r.sync is not None and begun < r.t <= stopped + 1e-6),
         disturbed=_disturbance(case, answer),
         ramp_ms=(resting - stopped) * 1e3,
-        violations=list(_violations(case, trial, answer, header, events, begun, stopped)),
+        violations=list(_violations(case, trial, answer, header, events, stopped)),
     )
 
 
@@ -153,13 +153,19 @@ def _disturbance(case: Case, answer: dict | None) -> str:
     return str(first["text"])
 
 
+def _injected(trial: Trial, events: list[Event]) -> float:
+    return next((e.t for e in events if e.event == "fault"), trial.acted)
+
+
 def _cause(case: Case, trial: Trial, header: Header, rows: list[Row], events: list[Event]) -> float:
     """When the clock of the row begins."""
     if trial.tap.held_until:
         return trial.tap.held_until
-    injected = next((e.t for e in events if e.event == "fault"), trial.acted)
+    injected = _injected(trial, events)
     if case.since == "fault":
         return injected
+    if case.since == "silence":
+        return next(t for t, cob, _ in trial.tap.sent if cob == pdo.SYNC_COB and t >= injected)
     if case.since == "message":
         said = (
             (t, d)
@@ -186,10 +192,10 @@ def _resting(rows: list[Row], columns: list[int], since: float) -> float:
 
 
 def _violations(
-    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[Event], begun: float, stopped: float
+    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[Event], stopped: float
 ) -> Any:
     """What the invariants say."""
-    sent, heard = trial.tap.sent, trial.tap.heard
+    sent, heard, injected = trial.tap.sent, trial.tap.heard, _injected(trial, events)
     first_enable = min(
         (t for t, cob, d in sent if kind_of(cob) == "command" and d[0] == Control.ENABLE), default=np.inf
     )
@@ -206,9 +212,9 @@ def _violations(
     if not np.isfinite(stopped) and not disturbed:
         yield "a drive did not leave the motion"
     alone = [
-        e.t for e in events if e.joint == trial.victim and e.event == "state" and e.what in _STOPPED and e.t >= begun
+        e.t for e in events if e.joint == trial.victim and e.event == "state" and e.what in _STOPPED and e.t >= injected
     ]
-    if not reachable and not (alone and min(alone) - begun <= BY_ITSELF_S):
+    if not reachable and not (alone and min(alone) - injected <= BY_ITSELF_S):
         yield "the drive that was cut off did not stop by itself"
     states = trial.sim.states
     if reachable and any(s.powered for s in states.values()):

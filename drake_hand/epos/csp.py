@@ -17,7 +17,7 @@ class CspBackend:
     """
 
     def __init__(self, schedule: Schedule, column: int) -> None:
-        self._counts = schedule.counts[:, column].tolist()
+        self._counts = schedule.counts[:, column]
         self._command = LAYOUT[schedule.drives.drives[column].type].command
 
     def prime(self) -> list[bytes]:
@@ -34,7 +34,7 @@ class CspBackend:
 
     def command(self, j: int) -> bytes | None:
         """The row after: it is reached by the next SYNC."""
-        return self._command.pack(Control.ENABLE, self._counts[min(j + 1, len(self._counts) - 1)])
+        return self._command.pack(Control.ENABLE, int(self._counts[min(j + 1, len(self._counts) - 1)]))
 
     def feed(self, j: int, axis: AxisState) -> list[bytes]:
         """Nothing."""

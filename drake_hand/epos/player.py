@@ -79,7 +79,6 @@ class Player:
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
         self._send = send
         self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
-        self._rows: list[list[int]] = schedule.counts.tolist()
         self._course: Iterator[None] = self._play()
         self._requests: deque[tuple[str, str]] = deque()
         self._stopping = self._cutting = False
@@ -114,7 +113,7 @@ class Player:
         self.watch.sync += 1
         if self._moving:
             self.step = min(self.step + 1 + skipped, self.schedule.last)
-            self.watch.demand = self._rows[self.step]
+            self.watch.demand = self.schedule.counts[self.step].tolist()
         self.log.open_row(now, late, self.step, moving=self._moving)
         try:
             next(self._course, None)
@@ -141,7 +140,7 @@ class Player:
 
     def _command(self, i: int, controlword: int) -> None:
         axis = self.axes[i]
-        payload = self._backends[i].hold(controlword, self._rows[max(self.step, 0)][i])
+        payload = self._backends[i].hold(controlword, int(self.schedule.counts[max(self.step, 0), i]))
         self._put(axis.layout.command.cob_id(axis.drive.node), payload)
 
     def _command_at_once(self, controlword: int, axes: Iterable[int]) -> None:
@@ -188,7 +187,7 @@ class Player:
         self.stage = "enabling"
         for word, state in LADDER:
             yield from self._bring(word, state)
-        self.watch.enabled, self.watch.demand = True, self._rows[0]
+        self.watch.enabled, self.watch.demand = True, self.schedule.counts[0].tolist()
         yield from self._prime()
         self.stage = "playing"
         yield from self._motion()
@@ -201,7 +200,7 @@ class Player:
         return range(max(1, round(seconds / self.schedule.period)))
 
     def _check_unmoved(self) -> None:
-        for axis, counts in zip(self.axes, self._rows[0], strict=True):
+        for axis, counts in zip(self.axes, self.schedule.counts[0].tolist(), strict=True):
             if abs(axis.position - counts) > axis.drive.following_error_counts // 2:
                 raise _Stop("start", f"moved by {axis.position - counts} counts before it was enabled", axis)
 

@@ -6,8 +6,6 @@ gone does not play on for long.
 
 from __future__ import annotations
 
-import numpy as np
-
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.objects import IP_DEPTH
 from drake_hand.epos.pdo import LAYOUT, pack_record
@@ -31,10 +29,7 @@ class PvtBackend:
     def __init__(self, schedule: Schedule, column: int) -> None:
         rows = slice(None, None, schedule.record_steps)
         ms = schedule.record_steps * schedule.drives.bus.sync_ms
-        counts, rpm = schedule.counts[rows, column], schedule.rpm[rows, column]
-        times = np.full(len(counts), ms)
-        times[-1] = 0
-        self._records = [pack_record(c, v, int(t)) for c, v, t in zip(counts, rpm, times, strict=True)]
+        self._counts, self._rpm, self._ms = schedule.counts[rows, column], schedule.rpm[rows, column], ms
         self._every, self._phase = schedule.record_steps, column
         self._target = min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
         self._low = min(max(3, int(LOW_S * 1e3 / ms)), self._target - 1)
@@ -43,8 +38,16 @@ class PvtBackend:
 
     def prime(self) -> list[bytes]:
         """The first records, up to the target."""
-        self._next = min(self._target, len(self._records))
-        return self._records[: self._next]
+        return self._take(min(self._target, len(self._counts)))
+
+    def _take(self, count: int) -> list[bytes]:
+        """The next records; the last of all ends the motion."""
+        first, self._next = self._next, self._next + count
+        last = len(self._counts) - 1
+        return [
+            pack_record(int(self._counts[i]), float(self._rpm[i]), self._ms if i < last else 0)
+            for i in range(first, self._next)
+        ]
 
     def primed(self, axis: AxisState) -> bool:
         """All of them queued, no error."""
@@ -65,11 +68,9 @@ class PvtBackend:
         """
         room = self._target - axis.queued - self._flying
         turn = (j + self._phase) % self._every == 0
-        count = min(2 if room > 2 else 1 if room > 0 and turn else 0, len(self._records) - self._next)
-        records = self._records[self._next : self._next + count]
-        self._next += count
+        count = min(2 if room > 2 else 1 if room > 0 and turn else 0, len(self._counts) - self._next)
         self._flying = count + (self._flying if axis.missed else 0)
-        return records
+        return self._take(count)
 
     def playing(self, axis: AxisState) -> bool:
         """As bit 12 of the status word says."""
@@ -77,4 +78,4 @@ class PvtBackend:
 
     def low(self, j: int, axis: AxisState) -> bool:
         """Few records queued, and fewer than the motion still needs; what is under way may not arrive."""
-        return axis.queued < min(self._low, len(self._records) - j // self._every - 2)
+        return axis.queued < min(self._low, len(self._counts) - j // self._every - 2)
