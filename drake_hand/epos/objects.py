@@ -208,7 +208,6 @@ _STATUS = {
     15: "active",
 }
 IP_ERRORS = 0x0F00
-IP_WARNINGS = 0x000F
 
 
 def ip_status_words(status: int) -> list[str]:
