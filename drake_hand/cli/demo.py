@@ -23,11 +23,12 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     """
     from drake_hand.cli import drives
 
-    file, page, run = output / "spin.plan.json", output / "spin.html", output / "spin.run.npz"
+    file, run = output / "spin.plan.json", output / "spin.run.npz"
+    page, physics = output / "spin.html", output / "spin-physics.html"
     steps = {
         "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
         "Prove it again, from its file alone": lambda: plans.check(file),
-        "Replay it in physics": lambda: plans.simulate(file, html=output / "spin-physics.html"),
+        "Replay it in physics": lambda: plans.simulate(file, html=physics),
         "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
         "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
         "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
@@ -36,5 +37,5 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         print(f"\n[{number}/{len(steps)}] {title}\n", flush=True)
         if status := step():
             return status
-    print(f"\nopen {page} in a browser to watch it")
+    print(f"\nopen {page} in a browser to watch the plan, {physics} to watch physics")
     return 0

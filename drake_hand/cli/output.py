@@ -18,6 +18,8 @@ from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
 
 TRACEBACK = "DRAKE_HAND_TRACEBACK"
 """Environment variable: set, an unexpected exception keeps its traceback."""
+WIDTH = 120
+"""Of tables that go to a file or pipe."""
 
 
 def print_json(answer: dict[str, Any]) -> None:
@@ -33,7 +35,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
         table.add_column(name.rstrip(">"), justify="right" if name.endswith(">") else "left", overflow="fold")
     for row in rows:
         table.add_row(*(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row))
-    Console().print(table)
+    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
 
 
 def report_error(e: DrakeHandError, as_json: bool) -> int:

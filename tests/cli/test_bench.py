@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import pytest
 
 from drake_hand import cli
@@ -35,7 +36,15 @@ def test_runs_must_be_positive(capsys):
 
 
 def test_turned_changes_angle_and_fingers_only():
-    task = Task.load("spin")
+    task = msgspec.convert(
+        {
+            "hand": "kanguera",
+            "object": "pencil",
+            "start": "auto",
+            "motion": [{"grasp": {}}, {"rotate": {"axis": [0, 1, 0], "angle_deg": 360}}],
+        },
+        Task,
+    )
     other = bench.turned(task, 90.0, fingers=["thumb", "index"])
     assert [s.kind for s in other.motion] == [s.kind for s in task.motion]
     assert next(s.rotate.angle_deg for s in other.motion if s.rotate) == 90.0
