@@ -11,7 +11,7 @@ from cyclopts import App
 
 from drake_hand.cli.drives_simulate import simulate as serve_simulated
 from drake_hand.cli.output import print_json, print_table, progress_display
-from drake_hand.epos import discovery, executor, rehearsal
+from drake_hand.epos import discovery, executor, preflight, rehearsal
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.logbook import joints_where_known
 from drake_hand.epos.master import Master, for_all, open_bus
@@ -75,7 +75,7 @@ def execute(
         try:
             with progress_display(quiet=json) as progress:
                 run = executor.execute(found, hand, bus, log=log, progress=progress)
-        except executor.Refused as e:
+        except preflight.Refused as e:
             if not json:
                 raise
             refused = {"drives": len(hand.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
@@ -94,7 +94,7 @@ def _open(
     """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
     if not simulate:
         return stack.enter_context(open_bus(drives.bus, interface, channel))
-    _, unfit = executor.plan_problems(plan, drives)
+    _, unfit = preflight.plan_problems(plan, drives)
     schedule = None if unfit else Schedule.build(plan, drives)
     q = None if schedule is None else schedule.q[0]
     spawned = stack.enter_context(spawn_simulated_drives(drives, q=q))
@@ -102,9 +102,9 @@ def _open(
 
 
 def _dry_run(plan: Plan, drives: Drives, json: bool) -> int:
-    problems, wrong_input = executor.plan_problems(plan, drives)
+    problems, wrong_input = preflight.plan_problems(plan, drives)
     if problems:
-        raise executor.Refused(problems, wrong_input=wrong_input)
+        raise preflight.Refused(problems, wrong_input=wrong_input)
     schedule = Schedule.build(plan, drives)
     rehearsed = rehearsal.rehearse(schedule)
     mean, largest = rehearsal.bus_load(rehearsed.frames, drives)

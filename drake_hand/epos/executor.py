@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import threading
 import time
@@ -23,31 +22,20 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.player import Player
+from drake_hand.epos.preflight import Refused, check
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import Schedule
-from drake_hand.errors import DriveError, InputError
+from drake_hand.errors import DriveError
 from drake_hand.motion.plan import Plan
 
 PROGRESS_S = 0.2
+HANGS_S = 1.0
+"""Time without a SYNC after which the interface is given up."""
+STOP_WITHIN_S = 5.0
+"""Time the bus thread is given for a stop, before the main thread disables the drives by SDO."""
 _BEATS = 4
 """Heartbeat periods a drive is given to be heard."""
-
-
-class Refused(DriveError):
-    """No drive was enabled; lists every reason. Exit status 2 where a file is wrong, 1 where a drive or the bus is.
-
-    Args:
-        problems: one line each.
-        wrong_input: whether one of them is a wrong file.
-        disabled: whether every drive was read back as not powered.
-    """
-
-    def __init__(self, problems: list[str], *, wrong_input: bool, disabled: bool = False) -> None:
-        self.problems, self.disabled = problems, disabled
-        self.exit_status = 2 if wrong_input else 1
-        count = f"{len(problems)} problem" + "s" * (len(problems) != 1)
-        super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,19 +113,9 @@ def execute(
     Raises:
         Refused: something is not as it has to be; no drive was enabled.
     """
-    problems, wrong_input = plan_problems(plan, drives)
     with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
         progress(Progress(stage="looking for drives"))
-        found, conditions = _look(master, drives)
-        problems += found
-        measured = np.array([c.position for c in conditions]) if len(conditions) == len(drives.drives) else None
-        schedule = _schedule(plan, drives, measured)
-        if schedule is not None and measured is not None:
-            problems += schedule.far_from_start(measured)
-            problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
-        if problems or schedule is None:
-            disabled = measured is not None and not any(c.state.powered for c in conditions)
-            raise Refused(problems, wrong_input=wrong_input, disabled=disabled)
+        schedule = check(master, plan, drives)
         progress(Progress(stage="configuring"))
         watching: list[str] = []
         try:
@@ -155,36 +133,6 @@ def execute(
     if log:
         run.record.save(log)
     return run
-
-
-def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
-    """What is wrong with a plan for these drives before a bus is needed; and whether a file is wrong by it."""
-    problems, wrong_input = [], False
-    if plan.certificate is None:
-        problems.append("the plan carries no certificate (drake-hand check PLAN says why)")
-    elif plan.certificate.plan_hash != plan.hash:
-        problems.append("the plan was edited after it was certified: its hash is not that of the certificate")
-        wrong_input = True
-    elif not plan.certificate.certified:
-        problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))
-    try:
-        violations = Schedule.build(plan, drives).violations()
-    except InputError as e:
-        return [*problems, " ".join(str(e).split())], True
-    return problems + violations, wrong_input or bool(violations)
-
-
-def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None) -> Schedule | None:
-    with contextlib.suppress(InputError):  # reported by plan_problems
-        return Schedule.build(plan, drives, start)
-    return None
-
-
-def _look(master: Master, drives: Drives) -> tuple[list[str], list[discovery.Condition]]:
-    """What is wrong on the bus; and how the drives that tell are, in the file's order."""
-    problems, answering = discovery.mismatches(master, drives)
-    conditions, silent = discovery.conditions(master, answering)
-    return problems + silent + discovery.not_ready(conditions), conditions
 
 
 def reset_faults(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]:
@@ -228,26 +176,20 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
     started = datetime.now(UTC).isoformat(timespec="seconds")
     with quiet_interpreter(), _signals(player):
         master.attach(player, schedule.period)
+        failure: BaseException | None = None
         try:
-            while not player.done.wait(PROGRESS_S):
-                when, tracking, late = player.log.latest()
-                progress(
-                    Progress(
-                        stage=player.stage,
-                        fraction=min(max(when, 0.0) / plan.duration, 1.0),
-                        time_s=max(when, 0.0),
-                        tracking_deg=tracking,
-                        sync_late_ms=late,
-                    )
-                )
+            _watch(player, plan.duration, progress)
         except BaseException as e:
+            failure = e
             player.request_stop("internal", f"{type(e).__name__}: {e}")
-            player.done.wait()
-            raise
-        finally:
-            not_disabled = discovery.disable_all(master, drives.drives)
-            faults = [f if f.joint in not_disabled else _with_history(master, f) for f in player.faults]
-            master.detach()
+            player.done.wait(STOP_WITHIN_S)
+        not_disabled = discovery.disable_all(master, drives.drives)
+        faults = [f if f.joint in not_disabled else _with_history(master, f) for f in player.faults]
+        master.detach()
+    if failure and not_disabled:
+        raise DriveError("not read back as disabled: " + ", ".join(not_disabled)) from failure
+    if failure:
+        raise failure
     header = RunHeader(
         version=__version__,
         started=started,
@@ -265,6 +207,30 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
         not_disabled=not_disabled,
     )
     return Run(record=player.log.record(header), start_skew=player.start_skew)
+
+
+def _watch(player: Player, duration: float, progress: Callable[[Progress], None]) -> None:
+    """Reports until the run is over.
+
+    Raises:
+        DriveError: the bus thread hangs: no SYNC goes out any more.
+    """
+    syncs, stuck = -1, 0
+    while not player.done.wait(PROGRESS_S):
+        stuck = stuck + 1 if player.watch.sync == syncs else 0
+        syncs = player.watch.sync
+        if stuck * PROGRESS_S > HANGS_S:
+            raise DriveError("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
+        when, tracking, late = player.log.latest()
+        progress(
+            Progress(
+                stage=player.stage,
+                fraction=min(max(when, 0.0) / duration, 1.0),
+                time_s=max(when, 0.0),
+                tracking_deg=tracking,
+                sync_late_ms=late,
+            )
+        )
 
 
 def _with_history(master: Master, fault: Fault) -> Fault:

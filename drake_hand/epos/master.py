@@ -32,6 +32,8 @@ NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0x01, 0x80
 HEARTBEAT_OPERATIONAL = 0x05
 SDO_TIMEOUT_S, SDO_TRIES = 0.3, 2
 _SCAN_S, _QUIET_S, _SCAN_BURST = 1.0, 0.3, 8
+_CLOSE_S = 2.0
+"""Time the bus thread is given to end; one that hangs in its interface is left to die with the process."""
 _DRAIN = 256
 """Frames read before a SYNC at most, so that a flooded bus does not hold it up."""
 
@@ -135,7 +137,7 @@ class Master:
 
     def __exit__(self, *exc: object) -> None:
         self._closing.set()
-        self._thread.join()
+        self._thread.join(_CLOSE_S)
 
     # Frames, NMT and SDO: from any thread
 

@@ -22,8 +22,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     """Why a run was stopped, or what else went wrong."""
 
     kind: str
-    """Row of the fault table: ``emcy``, ``fault``, ``following``, ``silent``, ``queue``, ``heartbeat``, ``late``,
-    ``reboot``, ``skew``, ``stuck``, ``bus``, ``interrupt``, ``internal``."""
+    """``emcy``, ``fault`` (bit or state), ``following``, ``silent``, ``queue``, ``heartbeat``, ``late``, ``reboot``,
+    ``bus``, ``interrupt``, ``internal``; ``start`` (moved before it), ``enable``, ``skew`` (not in step), ``stuck``."""
     text: str
     """In words, with the joint."""
     time_s: float

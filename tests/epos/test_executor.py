@@ -12,16 +12,18 @@ import pytest
 from fault_table import STAMP_S, drives_of
 from swing import swing
 
-from drake_hand.epos import executor
+from drake_hand.epos import executor, master
 from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.executor import Refused, execute, plan_problems, reset_faults
+from drake_hand.epos.executor import execute, reset_faults
+from drake_hand.epos.preflight import Refused, plan_problems
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim_faults import Fault
 from drake_hand.epos.sim_motor import LAG_S
 from drake_hand.epos.sim_process import spawn_simulated_drives
 from drake_hand.epos.sim_timeline import read_timeline
 from drake_hand.epos.state import State, decode_state
+from drake_hand.errors import DriveError
 
 KANGUERA = Drives.load()
 COUNT_DEG = 180 / 1088
@@ -232,16 +234,16 @@ def test_a_master_that_is_killed_leaves_drives_that_stop_by_themselves(tmp_path)
     code = PLAYER.format(benchmarks=next(p for p in sys.path if p.endswith("benchmarks")))
     with (
         spawn_simulated_drives(KANGUERA, log=timeline) as spawned,
-        subprocess.Popen([sys.executable, "-c", code, spawned.channel], stdout=subprocess.PIPE, text=True) as master,
+        subprocess.Popen([sys.executable, "-c", code, spawned.channel], stdout=subprocess.PIPE, text=True) as player,
     ):
-        assert master.stdout is not None
-        for line in master.stdout:
+        assert player.stdout is not None
+        for line in player.stdout:
             if line.strip() == "playing":
                 break
         time.sleep(0.8)
         killed = time.time()
-        master.send_signal(signal.SIGKILL)
-        master.wait()
+        player.send_signal(signal.SIGKILL)
+        player.wait()
         time.sleep(0.6)
     header, rows, events = read_timeline(timeline)
     before = [r for r in rows if r.t < killed][-1]
@@ -253,6 +255,28 @@ def test_a_master_that_is_killed_leaves_drives_that_stop_by_themselves(tmp_path)
     at_rest = np.array([r.position for r in rows if r.t > killed + limit + 0.1])
     assert len(at_rest) > 10
     assert np.ptp(at_rest, axis=0).max() < 1.0
+
+
+def test_an_interface_that_hangs_is_given_up_and_every_drive_is_named(virtual, monkeypatch):
+    monkeypatch.setattr(executor, "HANGS_S", 0.5)
+    monkeypatch.setattr(executor, "STOP_WITHIN_S", 0.1)
+    monkeypatch.setattr(master, "_CLOSE_S", 0.1)
+    drives = drives_20ms("epos2")
+    with virtual(drives) as (bus, sim):
+
+        class Hanging(Listening):
+            over = False
+
+            def recv(self, timeout=None):
+                while 0x201 in self.sent and not self.over:
+                    time.sleep(0.01)
+                return super().recv(timeout)
+
+        hanging = Hanging(bus)
+        with pytest.raises(DriveError, match="not read back as disabled: little_abduction, little_flexion"):
+            execute(swing(drives.joints, 1.0), drives, hanging)
+        hanging.over = True
+        assert not any(s is State.OPERATION_ENABLED for s in sim.states.values())
 
 
 def test_the_executor_loads_light():
