@@ -8,16 +8,27 @@ a state (q, X_WO) that is integrated along the path.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.chain import FingerKinematics, cross, skew, solve_least_squares
+from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
 from drake_hand.contact.surface import Surface
 
 Model = Literal["rolling", "pivot"]
+
+_DAMPING = 1e-4
+"""Of the least-squares solutions, m per rad: keeps them bounded next to singular poses."""
+SLIP = 2e-6
+"""What a finger may slip, or lose contact, from one pose to the next before it counts as singular, m."""
+STEP = 0.15
+"""Joint step from one pose to the next beyond which it does, rad ..."""
+BEND = 0.02
+"""... and how much the step may change within one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +44,7 @@ class Flow:
     length: np.ndarray
     """(N,) how many poses each contact can be held; rows beyond are meaningless."""
     limited_by: np.ndarray
-    """(N,) of str: what ended it (``end`` of the path, ``joint limit``, ``singular``, ``edge``, or a caller's word)."""
+    """(N,) of str: what ended it (``end`` of the path, ``joint limit``, ``singular``, ``edge``, or ``collision``)."""
 
 
 def roll(
@@ -45,97 +56,98 @@ def roll(
     model: Model = "rolling",
     edge_margin: float = 1e-3,
     limit_margin: float = 0.0,
-    max_step: float = 0.3,
-    blocked=None,
+    blocked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Flow:
     """Carries contacts from the first pose on as far as they last.
 
     Args:
         kinematics: of the finger.
         surface: of the object.
-        X_WO: (K, 4, 4) object poses, close enough for one Runge-Kutta step between neighbours (<= 5 deg).
+        X_WO: (K, 4, 4) object poses, close enough for one midpoint step between neighbours (<= 5 deg).
         q0: (N, m) joint angles at the first pose, tip on the surface.
         model: ``rolling`` or ``pivot``.
         edge_margin: a contact ends this far from a primitive's edge, m.
         limit_margin: a contact ends this far from a joint limit, rad.
-        max_step: a contact ends where a joint would turn more than this from one pose to the next, rad (singularity).
         blocked: optional ``f(q (n, m), X_WO (4, 4)) -> (n,) bool``; a contact ends where it is true.
     """
     N, m = q0.shape
     K, r = len(X_WO), kinematics.finger.radius
     q, p_OP, nhat = np.zeros((K, N, m)), np.zeros((K, N, 3)), np.zeros((K, N, 3))
     length, why = np.zeros(N, dtype=int), np.full(N, "end", dtype=object)
-    alive = np.arange(N)
-    now, p_OC0 = q0.copy(), np.zeros((0, 3))
-
-    def in_object(x: np.ndarray, X: np.ndarray) -> np.ndarray:
-        return (kinematics.fk(x)[0] - X[:3, 3]) @ X[:3, :3]
-
-    if model == "pivot":
-        p_OC0 = in_object(q0, X_WO[0])
+    alive, now = np.arange(N), q0
+    tip = _Tip(kinematics, surface, q0, X_WO[0])
+    fixed = tip.p_OC if model == "pivot" else None
     for k in range(K):
-        R = X_WO[k, :3, :3]
+        before, slipped = now, np.zeros(len(alive))
         if k:
-            moved = _step(kinematics, surface, X_WO[k - 1], X_WO[k], now, model, r)
-            # Integration drift is taken out at every pose: the tip centre goes back where it belongs.
-            for _ in range(2):
-                p_WC, _, J, _ = kinematics.jacobian(moved)
-                p_OC = (p_WC - X_WO[k, :3, 3]) @ R
-                if model == "pivot":
-                    target = p_OC0[alive]
-                else:
-                    foot, n, _ = surface.closest(p_OC)
-                    target = foot + r * n
-                moved = moved + solve_least_squares(J, (target - p_OC) @ R.T, damping=1e-4)
-        else:
-            moved = now
-        p_OC = in_object(moved, X_WO[k])
-        foot, n, d = surface.closest(p_OC)
+            now, slipped = _step(tip, X_WO[k - 1], X_WO[k], now, model)
+            tip = _Tip(kinematics, surface, now, X_WO[k])
+        # Drift is taken out at every pose: the tip centre goes back where it belongs.
+        target = tip.p_OS + r * tip.nhat_O if fixed is None else fixed[alive]
+        back = (target - tip.p_OC) @ X_WO[k, :3, :3].T
+        back_q = solve_least_squares(tip.J, back, damping=_DAMPING)
+        now = now + back_q
+        slipped = slipped + np.linalg.norm(_apply(tip.J, back_q) - back, axis=1)
         ends = [
-            ("joint limit", ((moved < kinematics.lower + limit_margin) | (moved > kinematics.upper - limit_margin)).any(1)),
-            ("singular", (np.abs(moved - now).max(axis=1) > max_step) | (np.abs(d - r) > 2e-5)),
-            ("edge", surface.edge_distance(foot) < edge_margin),
+            ("joint limit", ((now < kinematics.lower + limit_margin) | (now > kinematics.upper - limit_margin)).any(1)),
+            ("singular", (np.abs(now - before).max(axis=1) > STEP) | (slipped > SLIP)),
+            ("edge", surface.edge_distance(tip.p_OS) < edge_margin),
         ]
-        if blocked is not None:
-            ends.append(("collision", blocked(moved, X_WO[k])))
         dead = np.zeros(len(alive), dtype=bool)
         for word, mask in ends:
             why[alive[mask & ~dead]] = word
             dead |= mask
-        alive, now, foot, n = alive[~dead], moved[~dead], foot[~dead], n[~dead]
+        if blocked is not None and not dead.all():
+            hit = np.flatnonzero(~dead)[blocked(now[~dead], X_WO[k])]
+            why[alive[hit]], dead[hit] = "collision", True
+        alive, now, tip = alive[~dead], now[~dead], tip.rows(~dead)
         if not len(alive):
             break
-        q[k, alive], p_OP[k, alive], nhat[k, alive] = now, foot, n
+        q[k, alive], p_OP[k, alive], nhat[k, alive] = now, tip.p_OS, tip.nhat_O
         length[alive] = k + 1
     return Flow(q=q, p_OP=p_OP, nhat_O=nhat, length=length, limited_by=why)
 
 
-def _step(
-    kinematics: FingerKinematics,
-    surface: Surface,
-    X_a: np.ndarray,
-    X_b: np.ndarray,
-    q: np.ndarray,
-    model: Model,
-    r: float,
-) -> np.ndarray:
-    """One classical Runge-Kutta step between two object poses."""
+class _Tip:
+    """A fingertip against the object at joint angles q (n, m): where it touches, and its Jacobians."""
+
+    def __init__(self, kinematics: FingerKinematics, surface: Surface, q: np.ndarray, X_WO: np.ndarray) -> None:
+        self.kinematics, self.surface, self.X_WO = kinematics, surface, X_WO
+        self.p_WC, _, self.J, self.Jw = kinematics.jacobian(q)
+        self.p_OC = (self.p_WC - X_WO[:3, 3]) @ X_WO[:3, :3]
+        self.p_OS, self.nhat_O, _ = surface.closest(self.p_OC)
+
+    def rows(self, mask: np.ndarray) -> _Tip:
+        """Some of the contacts."""
+        if mask.all():
+            return self
+        some = copy(self)
+        for name in ("p_WC", "J", "Jw", "p_OC", "p_OS", "nhat_O"):
+            setattr(some, name, getattr(self, name)[mask])
+        return some
+
+    def rates(self, w: np.ndarray, v: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+        """Joint rates (n, m) under the object's twist, and what of it they miss (n,), m per unit of time."""
+        arm, A = self.p_WC - self.X_WO[:3, 3], self.J
+        if model == "rolling":
+            lever = self.kinematics.finger.radius * self.nhat_O @ self.X_WO[:3, :3].T
+            arm, A = arm - lever, material_jacobian(self.J, self.Jw, lever)
+        wanted = v + cross(w[None], arm)
+        rates = solve_least_squares(A, wanted, damping=_DAMPING)
+        return rates, np.linalg.norm(_apply(A, rates) - wanted, axis=1)
+
+
+def _step(tip: _Tip, X_a: np.ndarray, X_b: np.ndarray, q: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles one midpoint step later, and by how much (n,) the step misses what the model asks, m."""
     w = Rotation.from_matrix(X_b[:3, :3] @ X_a[:3, :3].T).as_rotvec()
     v = X_b[:3, 3] - X_a[:3, 3]
+    half = np.eye(4)
+    half[:3, :3] = Rotation.from_rotvec(w / 2).as_matrix() @ X_a[:3, :3]
+    half[:3, 3] = X_a[:3, 3] + v / 2
+    start, _ = tip.rates(w, v, model)
+    rates, missed = _Tip(tip.kinematics, tip.surface, q + start / 2, half).rates(w, v, model)
+    return q + rates, np.where(np.abs(rates - start).max(axis=1) > BEND, np.inf, missed)
 
-    def rates(x: np.ndarray, u: float) -> np.ndarray:
-        R = Rotation.from_rotvec(w * u).as_matrix() @ X_a[:3, :3]
-        p_WO = X_a[:3, 3] + u * v
-        p_WC, _, J, Jw = kinematics.jacobian(x)
-        arm = p_WC - p_WO
-        if model == "rolling":
-            n = surface.closest(arm @ R)[1] @ R.T
-            arm = arm - r * n
-            J = J + r * skew(n) @ Jw
-        return solve_least_squares(J, v + cross(w[None], arm), damping=1e-4)
 
-    k1 = rates(q, 0.0)
-    k2 = rates(q + k1 / 2, 0.5)
-    k3 = rates(q + k2 / 2, 0.5)
-    k4 = rates(q + k3, 1.0)
-    return q + (k1 + 2 * k2 + 2 * k3 + k4) / 6
+def _apply(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.einsum("nij,nj->ni", A, x)
