@@ -170,8 +170,10 @@ class Stage:
         if not front.any():
             front = np.array([1.0, 0, 0])
         side = np.array([-front[1], front[0], 0.0])
-        eye = self._R_VW @ centre + 1.05 * size * _unit(front + 0.55 * side + np.array([0, 0, 0.6]))
-        self._meshcat.SetCameraPose(eye, self._R_VW @ centre)
+        towards = _unit(front + 0.55 * side + np.array([0, 0, 0.6]))
+        left = _unit(np.cross(towards, [0, 0, 1.0]))
+        target = self._R_VW @ centre + 0.08 * size * left  # the panel's card covers the left
+        self._meshcat.SetCameraPose(target + 0.95 * size * towards, target)
 
 
 def _quiet_meshcat() -> Meshcat:
