@@ -68,7 +68,7 @@ class Run:
         """The JSON object of ``execute`` (DESIGN 3.3), and what explains the tracking error."""
         record, header = self.record, self.record.header
         error = np.abs(record.error_deg[record.playing])
-        worst = np.nanmax(error, axis=0) if len(error) else np.zeros(len(header.joints))
+        worst = np.nan_to_num(error).max(axis=0, initial=0.0)
         delay, rest = record.lag()
         late = record.late_ms if len(record.late_ms) else np.zeros(1)
         return {

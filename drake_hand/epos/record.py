@@ -129,7 +129,7 @@ class RunRecord:
             InputError: not a run record.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 header = msgspec.json.decode(file["header"].tobytes(), type=RunHeader)
                 arrays = {k: file[k] for k in _ARRAYS}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError) as e:

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_hand.epos.record import NO_QUEUE, Fault, RunHeader, RunRecord
+from drake_hand.epos.executor import Run
+from drake_hand.epos.record import _ARRAYS, NO_QUEUE, Fault, RunHeader, RunRecord
 from drake_hand.errors import InputError
 
 FAULT = Fault(kind="emcy", text="a (node 1): over-current", time_s=0.4, sync=40, joint="a", node=1, code=0x2310)
@@ -73,6 +74,17 @@ def test_lag_leaves_out_what_was_not_heard_and_joints_that_rest():
     delay, rest = record.lag()
     assert delay == pytest.approx([0.01, 0.0], abs=2e-3)
     assert np.isfinite(rest).all()
+
+
+@pytest.mark.parametrize("rows", [0, 1, 60])
+def test_the_answer_of_a_run_is_always_numbers(rows):
+    record = run(k=60)
+    record.measured[:, 1] = np.nan
+    short = {name: getattr(record, name)[:rows] for name in _ARRAYS}
+    answer = Run(record=RunRecord(header=HEADER, **short), start_skew=0).answer()
+    assert "null" not in msgspec.json.encode(answer["tracking"]).decode()
+    assert (answer["ok"], answer["disabled"], answer["not_disabled"]) == (False, False, ["b"])
+    assert answer["faults"][0]["code"] == 0x2310
 
 
 @pytest.mark.parametrize("damage", ["empty", "text", "cut", "other", "shape", "header"])
