@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+from pydrake.geometry import AddCompliantHydroelasticProperties, AddRigidHydroelasticProperties, ProximityProperties
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.verify.physics import Perturbation, Physics, _grown
+
+HAND = Hand.load("kanguera")
+GRAVITY = np.array([1.0, -2.0, -9.0])
+
+
+def at_rest(q, end=1.0):
+    return PiecewisePolynomial.FirstOrderHold([0.0, end], np.column_stack([q, q]))
+
+
+@pytest.mark.parametrize("name", ["pencil", "sphere", "cube", "cylinder"])
+def test_an_object_out_of_reach_is_held_and_then_falls(name):
+    X = np.eye(4)
+    X[:3, 3] = [0.5, 0, 0]
+    physics = Physics(HAND, Object.load(name), at_rest(HAND.q_home), X, gravity=GRAVITY, friction=0.8)
+    physics.advance(0.05)
+    np.testing.assert_allclose(physics.X_WO, X, atol=1e-12)
+    physics.let_go()
+    physics.advance(0.15)
+    np.testing.assert_allclose(physics.X_WO[:3, 3] - X[:3, 3], GRAVITY * 0.1**2 / 2, rtol=0.02)
+    assert physics.touch().strays == ()
+    assert not physics.touch().f_W.any()
+
+
+def test_servos_reach_what_they_are_told_but_for_the_fingers_weight():
+    q = HAND.q_home + 0.2
+    X = np.eye(4)
+    X[:3, 3] = [0.5, 0, 0]
+    told = PiecewisePolynomial.CubicShapePreserving([0, 0.3, 1.0], np.column_stack([HAND.q_home, q, q]), True)
+    physics = Physics(HAND, Object.load("pencil"), told, X, gravity=GRAVITY, friction=0.8)
+    physics.advance(0.8)
+    sag = np.abs(physics.q - q)
+    assert 1e-4 < sag.max() < 0.01
+
+
+def test_a_perturbed_start_is_where_the_fixture_holds():
+    change = Perturbation(shift_mm=(1.0, 0.0, 0.0), turn_deg=(0.0, 0.0, 2.0))
+    physics = Physics(
+        HAND, Object.load("pencil"), at_rest(HAND.q_home), np.eye(4), gravity=GRAVITY, friction=0.8, perturbation=change
+    )
+    np.testing.assert_allclose(physics.X_WO, change.start(np.eye(4)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("sphere", (0.007,)), ("sphere", (0.0085,)), ("cylinder", (0.008, 0.15)), ("box", (0.1, 0.1, 0.1))],
+)
+@pytest.mark.parametrize("compliant", [True, False])
+def test_round_shapes_grow_until_the_polyhedron_has_their_volume(kind, size, compliant):
+    properties = ProximityProperties()
+    if compliant:
+        AddCompliantHydroelasticProperties(2e-3, 5e6, properties)
+    else:
+        AddRigidHydroelasticProperties(2e-3, properties)
+    grown = _grown(kind, size, properties)
+    if kind == "box":
+        assert grown == size
+        return
+    assert 1.001 < grown[0] / size[0] < 1.03
+    # nearly the same number of edges: grown once, it hardly grows again relative to what it now stands for
+    again = _grown(kind, grown, properties)
+    assert again[0] / grown[0] == pytest.approx(grown[0] / size[0], abs=3e-3)
+
+
+def test_without_hydroelastics_shapes_stay():
+    assert _grown("sphere", (0.007,), ProximityProperties()) == (0.007,)
