@@ -163,13 +163,15 @@ def _part(legs: list[_Timed], before: Part | None) -> Part:
     nq, limits = legs[0].curve.nq, legs[0].curve.limits
     times, positions, rates = np.concatenate(t), np.concatenate(x), np.concatenate(dx)
     _keep_sign(positions, rates, nq, before)
-    stretch = max(1.0, _hermite_excess(times, positions[:, :nq], rates[:, :nq], limits))
+    joined = {name: np.concatenate([c[name] for c in contacts]) for name in contacts[0]}
+    slope = np.diff(joined["q_offset"], axis=0) / np.diff(times)[:, None] if "q_offset" in joined else 0.0
+    stretch = max(1.0, _hermite_excess(times, positions[:, :nq], rates[:, :nq], slope, limits))
     times, rates = times * stretch + (before.t[-1] if before else 0.0), rates / stretch
 
     def rounded(values: np.ndarray) -> list:
         return np.round(values, _DECIMALS).tolist()
 
-    joined = {name: rounded(np.concatenate([c[name] for c in contacts])) for name in contacts[0]}
+    loads = {name: rounded(values) for name, values in joined.items()}
     leg = legs[0].curve.leg
     return Part(
         mode=leg.mode,
@@ -179,8 +181,8 @@ def _part(legs: list[_Timed], before: Part | None) -> Part:
         v=rounded(rates[:, :nq]),
         X_WO=rounded(positions[:, nq:]),
         V_WO=rounded(rates[:, nq:]),
-        contacts={f: Contact(p_OP=joined[f"p_OP {f}"], f_W=joined.get(f"f_W {f}")) for f in leg.p_OP},
-        q_offset=joined.get("q_offset"),
+        contacts={f: Contact(p_OP=loads[f"p_OP {f}"], f_W=loads.get(f"f_W {f}")) for f in leg.p_OP},
+        q_offset=loads.get("q_offset"),
     )
 
 
@@ -194,11 +196,15 @@ def _keep_sign(positions: np.ndarray, rates: np.ndarray, nq: int, before: Part |
     rates[flipped, quaternion] *= -1
 
 
-def _hermite_excess(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> float:
-    """As `_Timed.excess`, of the cubics: acceleration is extreme at their ends, speed looked at in between."""
+def _hermite_excess(t: np.ndarray, q: np.ndarray, v: np.ndarray, slope: np.ndarray | float, limits: Limits) -> float:
+    """As `_Timed.excess`, of the cubics and of the command, which adds `slope` (n - 1, nq) to their speed.
+
+    Acceleration is extreme at the ends of a cubic; speed is looked at in between.
+    """
     nq, h = q.shape[1], np.diff(t)[:, None]
     _, c1, c2, c3 = np.moveaxis(hermite(t, q, v), 1, 0)
     u = np.linspace(0.0, 1.0, 5)[:, None, None]
-    speed = np.max(np.abs(c1 + u * (2 * c2 + u * 3 * c3)) / h / limits.speed[:nq])
+    rate = (c1 + u * (2 * c2 + u * 3 * c3)) / h
+    speed = np.max(np.maximum(np.abs(rate), np.abs(rate + slope)) / limits.speed[:nq])
     acceleration = np.max(np.abs(np.stack([2 * c2, 2 * c2 + 6 * c3])) / h**2 / limits.acceleration[:nq])
     return float(max(speed, np.sqrt(acceleration))) * (1 + 1e-4)

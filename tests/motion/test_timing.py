@@ -92,6 +92,16 @@ def test_a_part_takes_one_second_unless_limits_ask_for_more():
     assert long.duration > timing.PART_S
 
 
+def test_the_command_keeps_the_speed_limit_too():
+    moving = leg(q_at(0.0), q_at(2.0))
+    pressed = dataclasses.replace(moving, q_offset=np.outer(np.linspace(0, 1, 9) ** 2, np.full(NQ, 0.1)))
+    plan = time_path(path_of([pressed]))
+    t = np.linspace(0, plan.duration, 20001)
+    command = np.diff(Trajectory(plan).at(t).q_command, axis=0) / np.diff(t)[:, None]
+    assert 0.98 < np.max(np.abs(command) / HAND.speed) <= 1
+    assert plan.duration > time_path(path_of([moving])).duration
+
+
 def test_time_optimal_is_quicker():
     legs = [leg(q_at(0.0), q_at(1.4), wiggle=0.1)]
     assert time_path(path_of(legs, timing="optimal")).duration < 0.95 * time_path(path_of(legs)).duration
