@@ -13,6 +13,7 @@ from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import Master, SdoError, for_all
 from drake_hand.epos.objects import DriveType, Obj
 from drake_hand.epos.state import Control, State, decode_state, status_words
+from drake_hand.errors import DriveError
 
 TYPES: tuple[DriveType, ...] = get_args(DriveType)
 _TRIES = 3
@@ -87,7 +88,10 @@ def mismatches(master: Master, drives: Drives) -> tuple[list[str], list[Drive]]:
     Returns:
         Drives missing, extra, of the wrong type or serial, one line each; and the drives that answer.
     """
-    present = set(master.scan())
+    try:
+        present = set(master.scan())
+    except DriveError as e:
+        return [str(e)], []
     if not present:
         return ["no node answers: is the bus powered, terminated, and at the bitrate of the drives?"], []
     expected = {d.node: d for d in drives.drives}

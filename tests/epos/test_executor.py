@@ -6,6 +6,7 @@ import sys
 import time
 from dataclasses import replace
 
+import can
 import msgspec
 import numpy as np
 import pytest
@@ -142,6 +143,22 @@ def test_every_problem_is_listed_at_once(virtual):
     assert len(e.problems) == 5
     assert e.exit_status == 2
     assert "5 problems" in str(e)
+
+
+def test_a_bus_that_takes_no_frames_is_one_of_the_problems():
+    class Dead:
+        channel_info = "dead"
+
+        def send(self, message, timeout=None):
+            raise can.CanOperationError("Transmit buffer full")
+
+        def recv(self, timeout=None):
+            time.sleep(timeout)
+
+    with pytest.raises(Refused) as e:
+        execute(swing(KANGUERA.joints, 0.5, certified=False), KANGUERA, Dead())
+    assert len(e.value.problems) == 2
+    assert "powered" in e.value.problems[1]
 
 
 def test_drives_alone_are_no_wrong_input(virtual):
