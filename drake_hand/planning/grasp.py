@@ -74,7 +74,11 @@ def select(
     """
     clearance = reach.clearance
     n, m = len(clearance.hand.fingers), max(len(f.joints) for f in clearance.hand.fingers)
-    tables = [spread(reach.holds(i, 0), CANDIDATES) for i in fingers]
+    goal = reach.path.ticks
+    tables = []
+    for i in fingers:
+        able = reach.holds(i, 0)
+        tables.append(spread([h for h in able if h.end >= goal] or able, CANDIDATES))
     if not all(tables):
         return []
     sizes = [len(t) for t in tables]

@@ -32,6 +32,7 @@ PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
 QUICK = (28, 14)
 """Strokes looked at when start poses are rated, ticks."""
+ENDURING = 3
 TRIED = 5
 """Start poses, best first, that are planned from."""
 RATING_SHARE = 0.5
@@ -121,7 +122,11 @@ class Planner:
             builder = LegBuilder(self.hand, q_parked, X_WO)
             able = (g for g in found if approach.close(builder, self.clearance, list(g.holds)))
             return next((g.margin for g in able), -np.inf)
-        return next((score for score, _ in grasp.select(table, fingers, holding, rng)), -np.inf)
+        search, builder = self._search(table, q_parked), LegBuilder(self.hand, q_parked, X_WO)
+        roots = [holds for _, holds in grasp.select(table, fingers, holding, rng)]
+        best = sorted(((search.reaches(holds), k) for k, holds in enumerate(roots)), reverse=True)[:3]
+        able = (reached for reached, k in best if approach.close(builder, self.clearance, roots[k]))
+        return next((reached / max(path.ticks, 1) for reached in able), -np.inf)
 
     def _periodic(self, table: ReachTable) -> bool:
         """Whether the path turns a symmetric object far enough for a periodic gait."""
@@ -136,7 +141,13 @@ class Planner:
         posture = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
         table = ReachTable(self.clearance, path, self.task.options.model, posture)
         if named is None:
-            fingers = [i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > min(USABLE, path.ticks)]
+            # Fingers that can hold on to the end spare regrasps; three of them make a grasp.
+            for length in (path.ticks, min(USABLE, path.ticks)):
+                able = [i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > length]
+                if len(able) >= ENDURING:
+                    break
+            if len(able) < len(fingers) and able:
+                return self._reach(path, [self.hand.fingers[i].name for i in able])
         return fingers, q_parked, table
 
     def _phase(self, builder: LegBuilder, step: Step | None, path: ObjectPath) -> None:
@@ -147,15 +158,7 @@ class Planner:
             else:
                 touching = [self.hand.fingers[i].name for i in sorted(builder.touching)]
                 fingers, q_parked, table = self._reach(path, touching)
-        holding = self._holding()
-        search = Search(
-            reach=table,
-            holding=holding,
-            allowed=self._allowed,
-            q_parked=builder.q if step is None else q_parked,
-            deadline=self.deadline,
-            progress=self.progress,
-        )
+        search = self._search(table, builder.q if step is None else q_parked)
         try:
             nodes = self._gait(builder, search, fingers, path) if step is not None else None
             if nodes is None:
@@ -163,7 +166,7 @@ class Planner:
                     if step is None:
                         roots = [self._continued(builder, table, fingers)]
                     else:
-                        roots = self._grasps(builder, table, fingers, holding)
+                        roots = self._grasps(builder, search, fingers)
                 with self.stage("search"):
                     nodes = search.run(roots)[0]
         finally:
@@ -191,6 +194,16 @@ class Planner:
                         return nodes
         return None
 
+    def _search(self, table: ReachTable, q_parked: np.ndarray) -> Search:
+        return Search(
+            reach=table,
+            holding=self._holding(),
+            allowed=self._allowed,
+            q_parked=q_parked,
+            deadline=self.deadline,
+            progress=self.progress,
+        )
+
     def _holding(self) -> Holding:
         if self.task.options.hold == "kinematic":
             return Kinematic(self.task.options.min_contacts)
@@ -208,8 +221,8 @@ class Planner:
         code = "".join("1" if i in touching else "0" for i in range(len(self.hand.fingers)))
         return modes is None or code in modes
 
-    def _grasps(self, builder: LegBuilder, table: ReachTable, fingers: list[int], holding: Holding) -> list[list[Hold]]:
-        rng = np.random.default_rng(self.task.options.seed)
+    def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[list[Hold]]:
+        table, rng = search.reach, np.random.default_rng(self.task.options.seed)
         names = {i: self.hand.fingers[i].name for i in fingers}
         mode = "".join("1" if i in fingers else "0" for i in range(len(self.hand.fingers)))
         where = f"object at {np.round(builder.X_WO[:3, 3] * 1e3, 2).tolist()} mm"
@@ -227,9 +240,9 @@ class Planner:
                 f"grasping with {', '.join(names.values())} needs mode {mode}, which options.modes leaves out, {where}",
                 evidence={"mode": mode, "finger": None, "constraint": "options.modes", "X_WO": builder.X_WO.tolist()},
             )
-        roots = grasp.select(table, fingers, holding, rng) if fingers else []
+        roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)] if fingers else []
         able = []
-        for _, holds in roots:
+        for holds in sorted(roots, key=search.reaches, reverse=True):
             scratch = LegBuilder(self.hand, builder.q, builder.X_WO)
             if approach.close(scratch, self.clearance, holds):
                 able.append(holds)

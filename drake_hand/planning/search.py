@@ -316,6 +316,10 @@ class Search:
             q[self.reach.clearance.hand.fingers[h.finger].columns] = h.at(tick)[0]
         return q
 
+    def reaches(self, holds: list[Hold]) -> int:
+        """Tick up to which a grasp at tick 0 carries the object without a regrasp."""
+        return self._limits(Node(tick=0, holds=tuple(holds)), self.reach.path.ticks).last
+
     def periodic(self, gait: Gait, goal: int) -> list[Node] | None:
         """The nodes of a periodic gait up to the goal, if its advance and its transits are clear and hold throughout.
 
