@@ -33,13 +33,14 @@ WARM_S = 30.0
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def written(types: str, folder: Path) -> Drives:
-    """The bundled drives with other types, in a file, which the child process reads too."""
+def written(types: str, sync_ms: int, folder: Path) -> Drives:
+    """The bundled drives with other types and period, in a file, which the child process reads too."""
     file = folder / f"soak{SUFFIX}"
     wanted = drives_of(types)
     raw = yaml.safe_load(Drives.load().file.read_text())
     for d in wanted.drives:
         raw["joints"][d.joint]["type"] = d.type
+    raw["bus"]["sync_ms"] = sync_ms
     file.write_text(yaml.safe_dump(raw))
     return Drives.load(file)
 
@@ -49,7 +50,7 @@ def resident_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_MB
 
 
-def soak(minutes: float, types: str) -> tuple[Run, np.ndarray]:
+def soak(minutes: float, types: str, sync_ms: int) -> tuple[Run, np.ndarray]:
     """One run of so many minutes.
 
     Returns:
@@ -57,7 +58,7 @@ def soak(minutes: float, types: str) -> tuple[Run, np.ndarray]:
     """
     samples: list[tuple[float, float, float]] = []
     with tempfile.TemporaryDirectory() as folder:
-        drives = written(types, Path(folder))
+        drives = written(types, sync_ms, Path(folder))
         plan = swing(drives.joints, 60 * minutes, swings=round(60 * minutes / SWING_S))
         with spawn_simulated_drives(drives) as spawned, spawned.open_bus() as bus:
 
@@ -75,10 +76,11 @@ def main() -> int:
     """Prints the figures; exit status 1 when the run did not end well or memory grew."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--types", default="mix")
+    parser.add_argument("--types", default="epos2")
+    parser.add_argument("--sync-ms", type=int, default=10)
     arguments = parser.parse_args()
     begun = time.monotonic()
-    run, memory = soak(arguments.minutes, arguments.types)
+    run, memory = soak(arguments.minutes, arguments.types, arguments.sync_ms)
     took = time.monotonic() - begun
     for line in figures(run, memory):
         print(line)

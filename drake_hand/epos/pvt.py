@@ -9,7 +9,7 @@ from __future__ import annotations
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.objects import IP_DEPTH
 from drake_hand.epos.pdo import LAYOUT, pack_record
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import CLOCK_TOLERANCE, Schedule
 from drake_hand.epos.state import Control
 
 QUEUE_S = 0.4
@@ -77,5 +77,9 @@ class PvtBackend:
         return axis.active
 
     def low(self, j: int, axis: AxisState) -> bool:
-        """Few records queued, and fewer than the motion still needs; what is under way may not arrive."""
-        return axis.queued < min(self._low, len(self._counts) - j // self._every - 2)
+        """Few records queued, and fewer than the motion still needs by the drive's own clock.
+
+        Records under way do not count: they may not arrive.
+        """
+        ahead = int(CLOCK_TOLERANCE * j / self._every)
+        return axis.queued < min(self._low, len(self._counts) - j // self._every - ahead - 2)

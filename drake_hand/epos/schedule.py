@@ -15,6 +15,8 @@ LEAD_IN_S = 0.3
 """Time to go from where the hand is to where the plan starts."""
 START_TOLERANCE_DEG = 3.0
 """A joint further than this from the plan's start is refused."""
+CLOCK_TOLERANCE = 2e-4
+"""Largest difference between the clocks of master and drive, as a share: both have crystals good for 100 ppm."""
 RECORD_MS = 20
 """About the time from one PVT record to the next; a whole number of SYNC periods."""
 

@@ -1,11 +1,13 @@
 """The player against simulated drives, in step with them: no bus, no threads, no clock."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fault_table import drives_of
 from swing import swing
 
-from drake_hand.epos import pdo
+from drake_hand.epos import pdo, player, pvt
 from drake_hand.epos.pvt import LOW_S, QUEUE_S
 from drake_hand.epos.rehearsal import Rehearsal
 from drake_hand.epos.schedule import Schedule
@@ -261,6 +263,29 @@ def test_an_exception_in_the_bus_thread_stops_the_group():
     ended(rehearsal)
     assert [f.kind for f in rehearsal.player.faults] == ["internal"]
     assert "on purpose" in rehearsal.player.faults[0].text
+
+
+@pytest.mark.parametrize("ppm", [-1900, 1900])
+def test_a_drive_whose_clock_is_off_plays_to_the_end(ppm, monkeypatch):
+    """Seven periods early, or late, as after some minutes with real crystals; its queue is kept by what it says."""
+    for module in (player, pvt):
+        monkeypatch.setattr(module, "CLOCK_TOLERANCE", 2e-3)
+    all_ = drives_of("epos2")
+    one = replace(all_, drives=all_.drives[:1], coupling=np.eye(1))
+
+    class Off(Rehearsal):
+        def _arrives(self, cob, data):
+            now, self._now = self._now, self._now * (1 + ppm * 1e-6)
+            super()._arrives(cob, data)
+            self._now = now
+
+    rehearsal = Off(Schedule.build(swing(one.joints, 40.0, swings=8), one))
+    rehearsal.configure()
+    until(rehearsal, rehearsal.player.done.is_set, most=6_000)
+    assert rehearsal.player.faults == []
+    queued = rehearsal.player.log._queued[: rehearsal.player.log.rows]
+    assert queued.max() <= 20
+    assert queued[:-60].min() >= 15
 
 
 @pytest.mark.parametrize("sync_ms", [4, 20, 50])
