@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
+from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
 from drake_hand.contact.surface import Surface
-from drake_hand.model.hand import Hand
-from drake_hand.model.object import Object
+from drake_hand.contact.weight import weight_offsets
+from drake_hand.model.scene import Scene
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.path import Leg
-from drake_hand.planning.transit import KNOTS
 
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
@@ -39,13 +37,15 @@ def _dwells(leg: Leg) -> bool:
     return len(leg.q) == 2 and bool(np.array_equal(leg.q[0], leg.q[1]))
 
 
-def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibrium) -> list[Leg]:
+def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium) -> list[Leg]:
     """Adds forces and joint offsets to the legs of one stretch between a grasp and its release.
+
+    The offsets bring about the forces, make up for what the tips yield and roll short, and hold up the fingers' weight.
 
     Args:
         legs: end to end; before the first contact and in the dwell after it a fixture holds the object.
-        hand: the hand.
-        object_: the object.
+        scene: hand and object.
+        gravity_W: (3,) m/s^2.
         holding: friction, weight, preload and efforts to plan with.
 
     Returns:
@@ -54,6 +54,8 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     Raises:
         NoPlanFound: no forces balance the object at some knot.
     """
+    hand, object_ = scene.hand, scene.object
+    assert object_ is not None
     legs = with_ramps(legs)
     names = [f.name for f in hand.fingers]
     k, m = len(names), max(len(f.joints) for f in hand.fingers)
@@ -66,13 +68,14 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
     normal[..., 2] = 1.0
     bend = np.ones((n, k))
+    R_WT = np.tile(np.eye(3), (n, k, 1, 1))
     surface = Surface.of(object_)
     for i, finger in enumerate(hand.fingers):
         kin = FingerKinematics.of(hand, finger)
-        rows = np.flatnonzero(load[:, i] > 0)
+        rows = np.flatnonzero(touching[:, i])
         if not len(rows):
             continue
-        p_WC, _, J_C, Jw = kin.jacobian(q[rows][:, finger.columns])
+        p_WC, R_WT[rows, i], J_C, Jw = kin.jacobian(q[rows][:, finger.columns])
         R, t = X[rows, :3, :3], X[rows, :3, 3]
         p_OC = np.einsum("nji,nj->ni", R, p_WC - t)
         foot, n_O, _ = surface.closest(p_OC)
@@ -98,39 +101,20 @@ def add_forces(legs: list[Leg], hand: Hand, object_: Object, holding: Equilibriu
     )
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
-    offset = joint_offsets(hand, J, forces.f_W, -normal * depth[..., None])
+    moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching)
+    offset = joint_offsets(hand, J, forces.f_W, moved)
+    knots = np.arange(n)
+    for finger, on in zip(hand.fingers, touching.T, strict=True):
+        for c in finger.columns if on.any() else ():
+            # A free finger fades from what its last contact left to what the next one begins with.
+            offset[:, c] = np.interp(knots, knots[on], offset[on, c])
+    offset += weight_offsets(scene, q, gravity_W)
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
         f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
         out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
     return out
-
-
-def _roll_back(
-    hand: Hand, q: np.ndarray, normal: np.ndarray, depth: np.ndarray, touching: np.ndarray
-) -> np.ndarray:
-    """How far each tip's centre has to fall back so that the compressed tip turns the object as the full one would.
-
-    A tip pressed in by d rolls on the radius r - d: its surface at the contact gains d (w x n) on the plan. The way
-    (n, k, 3) in m undoes that from `make` on, and fades out over the lift after `break`.
-    """
-    way = np.zeros((*depth.shape, 3))
-    for i, finger in enumerate(hand.fingers):
-        R = Rotation.from_matrix(FingerKinematics.of(hand, finger).fk(q[:, finger.columns])[1])
-        turn = np.cross((R[1:] * R[:-1].inv()).as_rotvec(), (normal[1:, i] + normal[:-1, i]) / 2)
-        gain = -turn * (depth[1:, i] + depth[:-1, i])[:, None] / 2
-        for first, last in _runs(touching[:, i]):
-            way[first + 1 : last + 1, i] = np.cumsum(gain[first:last], axis=0)
-            fade = way[last + 1 : last + KNOTS, i]
-            fade[:] = way[last, i] * np.linspace(1, 0, KNOTS)[1 : len(fade) + 1, None]
-    return way
-
-
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
 
 
 def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -96,7 +96,7 @@ class Planner:
         holding = self._holding()
         if isinstance(holding, Equilibrium):
             with self.stage("forces"):
-                legs = add_forces(legs, self.hand, self.object, holding)
+                legs = add_forces(legs, self.scene, np.asarray(self.task.physics.gravity), holding)
         return Path(
             legs=tuple(legs),
             hand=self.hand,
