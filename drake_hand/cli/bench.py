@@ -121,11 +121,11 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     spin = Task.load("spin")
 
     def plan_s(task: Task) -> float:
-        return api.solve(task, seed=seed, time_limit=600).plan_s
+        return api.solve(task, seed=seed).plan_s
 
     plan_s(turned(spin, 10.0))  # imports and compiled code are not planning time
     yield "spin90_s", [plan_s(turned(spin, 90.0)) for _ in range(runs)]
-    full = [api.solve(turned(spin, 360.0), seed=seed, time_limit=600) for _ in range(runs)]
+    full = [api.solve(turned(spin, 360.0), seed=seed) for _ in range(runs)]
     yield "spin360_s", [r.plan_s for r in full]
     yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
     one = median(r.plan_s for r in full)
