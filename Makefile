@@ -19,6 +19,7 @@ test-slow: install
 	$(PY) -m pytest -n 2 -m slow
 
 bench: install
+	$(PY) -m pip install --quiet -c constraints.txt -e '.[dev,bench]'
 	.venv/bin/drake-hand bench
 
 lint: install
