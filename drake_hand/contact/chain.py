@@ -85,9 +85,17 @@ class FingerKinematics:
     upper: np.ndarray
 
     @classmethod
-    def of(cls, hand: Hand, finger: Finger) -> FingerKinematics:
-        """The kinematics of one finger of a hand, with the hand's joint limits."""
-        return cls(finger, hand.q_lower[finger.columns], hand.q_upper[finger.columns])
+    def of(cls, hand: Hand, finger: Finger, *, margin: float = 0.0) -> FingerKinematics:
+        """The kinematics of one finger of a hand, with the hand's joint limits.
+
+        Args:
+            hand: the hand.
+            finger: one of its fingers.
+            margin: kept from the limits, rad (m), but never more than a tenth of a joint's range.
+        """
+        lower, upper = hand.q_lower[finger.columns], hand.q_upper[finger.columns]
+        kept = np.minimum(margin, 0.1 * (upper - lower))
+        return cls(finger, lower + kept, upper - kept)
 
     @cached_property
     def _links(self) -> list[tuple[Axis, np.ndarray, np.ndarray, np.ndarray]]:

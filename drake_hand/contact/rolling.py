@@ -55,7 +55,6 @@ def roll(
     *,
     model: Model = "rolling",
     edge_margin: float = 1e-3,
-    limit_margin: float = 0.0,
     blocked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Flow:
     """Carries contacts from the first pose on as far as they last.
@@ -67,7 +66,6 @@ def roll(
         q0: (N, m) joint angles at the first pose, tip on the surface.
         model: ``rolling`` or ``pivot``.
         edge_margin: a contact ends this far from a primitive's edge, m.
-        limit_margin: a contact ends this far from a joint limit, rad.
         blocked: optional ``f(q (n, m), X_WO (4, 4)) -> (n,) bool``; a contact ends where it is true.
     """
     N, m = q0.shape
@@ -89,7 +87,7 @@ def roll(
         now = now + back_q
         slipped = slipped + np.linalg.norm(_apply(tip.J, back_q) - back, axis=1)
         ends = [
-            ("joint limit", ((now < kinematics.lower + limit_margin) | (now > kinematics.upper - limit_margin)).any(1)),
+            ("joint limit", ((now < kinematics.lower) | (now > kinematics.upper)).any(1)),
             ("singular", (np.abs(now - before).max(axis=1) > STEP) | (slipped > SLIP)),
             ("edge", surface.edge_distance(tip.p_OS) < edge_margin),
         ]

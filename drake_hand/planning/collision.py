@@ -1,14 +1,17 @@
-"""Batched clearance of fingers from object, palm and one another, on spheres that fill the links' geometry.
+"""Batched clearance of fingers from object, palm and one another, on spheres that cover the links' geometry.
 
 Quick enough to be asked inside the search; the certificate asks SceneGraph itself.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Sphere
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, GeometryId, Mesh, Sphere
+from pydrake.multibody.tree import RigidBody
+from scipy.spatial import cKDTree
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.surface import Surface
@@ -16,117 +19,157 @@ from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.object import Geometry
 from drake_hand.model.scene import Scene
 
-_SHELL = 2.0e-3
-"""Radius of the spheres that stand for the surface of boxes and meshes, m."""
-_FAR = 5.0e-3
-"""Clearances above this need not be exact, m."""
+CLEARANCE = 8.0e-4
+"""Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
+_SPACING, _MOST = 6.0e-3, 150
+"""Of the spheres that cover boxes and meshes, m; where that takes more than so many, they are bigger."""
+LIMIT_MARGIN = np.radians(2.0)
+"""Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
+_SHELL = 4.0e-3
+"""How deep their centres lie under the surface, m."""
 _GRID = {1: 40, 2: 14, 3: 8}
 """Postures per joint of the grid, by number of joints; 5 for more."""
+_FAR = 5.0e-3
+"""Clearances above this need not be exact, m; what is returned is then a lower bound."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Postures:
+    """Postures of one finger on an even grid of its joints, clear of the palm."""
+
+    q: np.ndarray
+    """(G, m) rad."""
+    centres: np.ndarray
+    """(G, any, 3) where its spheres are."""
+    cell: np.ndarray
+    """(m,) spacing of the grid, rad."""
+    neighbours: np.ndarray
+    """(E, 2) pairs of postures next to each other, also across corners of the grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Spheres:
-    """Spheres fixed to the moving joints of one finger."""
+    """Spheres fixed to the moving joints of one finger: one around each link, then those that cover its shapes."""
 
     joint: np.ndarray
-    """(S,) index of the moving joint each follows."""
+    """(L + S,) index of the moving joint each follows."""
     p_J: np.ndarray
-    """(S, 3) centres in that joint's frame, m."""
+    """(L + S, 3) centres in that joint's frame, m."""
+    around: np.ndarray
+    """(L,) radius of the spheres around the links, m."""
     radius: np.ndarray
-    """(S,)."""
+    """(S,) of the covering ones, m."""
     tip: np.ndarray
     """(S,) bool: part of the fingertip, which may touch the object."""
-    beside_palm: np.ndarray
-    """(S,) bool: never checked against the palm (filtered in the scene)."""
+    of_link: tuple[slice, ...]
+    """(L,) which of the covering spheres belong to each link."""
+    links: tuple[RigidBody, ...]
+
+
+class _Solid:
+    """A union of convex shapes that does not move, with a box around it."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface = surface
+        corners = np.concatenate([g.box_O for g in surface.geometries])
+        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
+
+    def gaps(self, p: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """(N, S) clearances of spheres at p (N, S, 3)."""
+        outside = np.maximum(np.maximum(self.low - p, p - self.high), 0.0)
+        gap = np.sqrt((outside * outside).sum(axis=-1)) - radius
+        near = gap < _FAR
+        gap[near] = self.surface.closest(p[near])[2] - np.broadcast_to(radius, near.shape)[near]
+        return gap
 
 
 class Clearance:
-    """Clearances of one scene's hand, by finger index; all distances in m, negative in penetration."""
+    """Clearances of one scene's hand, by finger index; all distances in m, negative in penetration.
+
+    Never more than the true ones; less by 4 % of a capsule's radius, and by 2 mm or more at boxes and meshes.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        hand = scene.hand
+        hand, object_ = scene.hand, scene.object
+        assert object_ is not None, "planning needs an object"
         self.hand: Hand = hand
-        self.surface = Surface.of(scene.object)
-        self.p_OCom = scene.object.p_OCom
-        self.kinematics = [FingerKinematics.of(hand, f) for f in hand.fingers]
-        self._palm = Surface(tuple(g for _, g in _geometries(scene, hand.palm)))
-        self._spheres = [_fill(scene, f) for f in hand.fingers]
-        self._grids: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.surface = Surface.of(object_)
+        self.p_OCom = object_.p_OCom
+        self.kinematics = [FingerKinematics.of(hand, f, margin=LIMIT_MARGIN) for f in hand.fingers]
+        self._object = _Solid(self.surface)
+        self._spheres = [_cover(scene, f) for f in hand.fingers]
+        self._palm = [_still(scene, s) for s in self._spheres]
+        self._postures: dict[int, Postures] = {}
 
-    def grid(self, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Postures (G, m) of finger i on an even grid of its joints, clear of the palm, and their sphere centres."""
-        if i not in self._grids:
+    def postures(self, i: int) -> Postures:
+        """The grid of finger i, made when first asked for."""
+        if i not in self._postures:
             kin = self.kinematics[i]
             n = _GRID.get(len(kin.lower), 5)
             ticks = [np.linspace(lo, hi, n) for lo, hi in zip(kin.lower, kin.upper, strict=True)]
             q = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
-            q = q[self.to_palm(i, q) >= 0]
-            self._grids[i] = q, self.centres(i, q)
-        return self._grids[i]
-
-    def cell(self, i: int) -> np.ndarray:
-        """(m,) spacing of that grid, rad."""
-        kin = self.kinematics[i]
-        return (kin.upper - kin.lower) / (_GRID.get(len(kin.lower), 5) - 1)
+            centres = self.centres(i, q)
+            clear = self.to_palm(i, centres) >= 0
+            q, centres, cell = q[clear], centres[clear], (kin.upper - kin.lower) / (n - 1)
+            neighbours = cKDTree(q / cell).query_pairs(1.8, output_type="ndarray")
+            self._postures[i] = Postures(q=q, centres=centres, cell=cell, neighbours=neighbours)
+        return self._postures[i]
 
     def centres(self, i: int, q: np.ndarray) -> np.ndarray:
-        """(N, S, 3) sphere centres of finger i in W at q (N, m)."""
+        """(N, any, 3) where the spheres of finger i are in W at q (N, m): what all the others ask for."""
         s = self._spheres[i]
         p, R = self.kinematics[i].frames(q)
         return (p[s.joint] + np.einsum("snij,sj->sni", R[s.joint], s.p_J)).transpose(1, 0, 2)
 
-    def to_object(self, i: int, q: np.ndarray, X_WO: np.ndarray, *, tip: bool) -> np.ndarray:
-        """(N,) least clearance of finger i from the object; the fingertip counts only if `tip`.
+    def to_object(self, i: int, centres: np.ndarray, X_WO: np.ndarray, *, tip: bool) -> np.ndarray:
+        """(N,) least clearance of finger i from the object.
 
         Args:
             i: finger index.
-            q: (N, m).
-            X_WO: (4, 4), or (N, 4, 4) one per row.
+            centres: of finger i.
+            X_WO: (4, 4).
             tip: whether the fingertip has to be clear too.
         """
-        return self.centres_to_object(i, self.centres(i, q), X_WO, tip=tip)
-
-    def centres_to_object(self, i: int, centres: np.ndarray, X_WO: np.ndarray, *, tip: bool) -> np.ndarray:
-        """As :meth:`to_object`, from sphere centres (N, S, 3) already at hand."""
         s = self._spheres[i]
         use = np.ones(len(s.tip), dtype=bool) if tip else ~s.tip
-        p = centres[:, use]
-        X = X_WO if X_WO.ndim == 2 else X_WO[:, None]
-        p_O = (p - X[..., :3, 3]) @ X_WO[..., :3, :3]
-        d = self.surface.closest(p_O.reshape(-1, 3))[2].reshape(p_O.shape[:2])
-        return (d - s.radius[use]).min(axis=1)
+        p_O = (centres[:, len(s.around) :][:, use] - X_WO[:3, 3]) @ X_WO[:3, :3]
+        return self._object.gaps(p_O, s.radius[use]).min(axis=1, initial=np.inf)
 
-    def to_palm(self, i: int, q: np.ndarray) -> np.ndarray:
-        """(N,) least clearance of finger i from the palm; inf where nothing is checked."""
-        s = self._spheres[i]
-        use = ~s.beside_palm
-        if not use.any() or not self._palm.geometries:
-            return np.full(len(q), np.inf)
-        p = self.centres(i, q)[:, use]
-        d = self._palm.closest(p.reshape(-1, 3))[2].reshape(p.shape[:2])
-        return (d - s.radius[use]).min(axis=1)
+    def to_palm(self, i: int, centres: np.ndarray) -> np.ndarray:
+        """(N,) least clearance of finger i from the palm and what is fixed to it; inf where nothing is checked."""
+        s, least = self._spheres[i], np.full(len(centres), np.inf)
+        for solid, use in self._palm[i]:
+            gaps = solid.gaps(centres[:, len(s.around) :][:, use], s.radius[use])
+            least = np.minimum(least, gaps.min(axis=1))
+        return least
 
-    def between(self, i: int, qi: np.ndarray, j: int, qj: np.ndarray) -> np.ndarray:
+    def between(self, i: int, a: np.ndarray, j: int, b: np.ndarray) -> np.ndarray:
         """(N,) least clearance between fingers i and j, row by row; a single row of either is repeated."""
-        return self.between_centres(i, self.centres(i, qi), j, self.centres(j, qj))
+        s, t = self._spheres[i], self._spheres[j]
+        gap = _distances(a[:, : len(s.around)], b[:, : len(t.around)]) - s.around[:, None] - t.around
+        least = gap.min(axis=(1, 2))
+        near = np.flatnonzero(least < _FAR)
+        if not len(near):
+            return least
+        least[near] = np.where(gap[near] < _FAR, np.inf, gap[near]).min(axis=(1, 2))
+        for k, m in zip(*np.nonzero((gap < _FAR).any(axis=0)), strict=True):
+            rows = np.flatnonzero(gap[:, k, m] < _FAR)
+            x = a[rows if len(a) > 1 else slice(1), len(s.around) :][:, s.of_link[k]]
+            y = b[rows if len(b) > 1 else slice(1), len(t.around) :][:, t.of_link[m]]
+            exact = _distances(x, y) - s.radius[s.of_link[k], None] - t.radius[t.of_link[m]]
+            least[rows] = np.minimum(least[rows], exact.min(axis=(1, 2)))
+        return least
 
-    def between_centres(self, i: int, a: np.ndarray, j: int, b: np.ndarray) -> np.ndarray:
-        """As :meth:`between`, from sphere centres (N or 1, S, 3) already at hand."""
-        reach = self._spheres[i].radius[:, None] + self._spheres[j].radius
-        # Boxes around both sets that lie far apart settle most pairs; the bound is as good as the distance there.
-        gap = np.maximum(a.min(axis=(0, 1)) - b.max(axis=(0, 1)), b.min(axis=(0, 1)) - a.max(axis=(0, 1)))
-        apart = float(np.linalg.norm(np.maximum(gap, 0.0)) - reach.max())
-        if apart > _FAR:
-            return np.full(max(len(a), len(b)), apart)
-        a2, b2 = (a * a).sum(-1), (b * b).sum(-1)
-        d2 = a2[:, :, None] + b2[:, None, :] - 2 * a @ b.transpose(0, 2, 1)
-        return (np.sqrt(np.maximum(d2, 0.0)) - reach).min(axis=(1, 2))
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(N, S, T) between points (N, S, 3) and (N, T, 3)."""
+    a2, b2 = (a * a).sum(-1), (b * b).sum(-1)
+    return np.sqrt(np.maximum(a2[:, :, None] + b2[:, None, :] - 2 * a @ b.transpose(0, 2, 1), 0.0))
 
 
-def _geometries(scene: Scene, link: str) -> list[tuple[object, Geometry]]:
-    """Proximity geometries of a link as (id, Geometry in the link's frame)."""
+def _geometries(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometry]]:
+    """Proximity geometries of a body as (id, Geometry in the body's frame)."""
     inspector = scene.scene_graph.model_inspector()
-    body = scene.plant.GetBodyByName(link, scene.hand_model)
     out = []
     for gid in scene.plant.GetCollisionGeometriesForBody(body):
         shape, X = inspector.GetShape(gid), inspector.GetPoseInFrame(gid).GetAsMatrix4()
@@ -152,57 +195,76 @@ def _geometries(scene: Scene, link: str) -> list[tuple[object, Geometry]]:
     return out
 
 
-def _fill(scene: Scene, finger: Finger) -> _Spheres:
-    inspector = scene.scene_graph.model_inspector()
-    palm_ids = [gid for gid, _ in _geometries(scene, scene.hand.palm)]
-    joint, points, radii, tips, beside = [], [], [], [], []
-    for link, (index, X_JL) in _rigid_links(scene.hand, finger).items():
-        for gid, g in _geometries(scene, link):
-            p_L, r = _fill_geometry(g)
-            filtered = all(inspector.CollisionFiltered(gid, other) for other in palm_ids)
-            points.append(p_L @ X_JL[:3, :3].T + X_JL[:3, 3])
-            radii.append(np.full(len(p_L), r))
-            joint.append(np.full(len(p_L), index))
-            tips.append(np.full(len(p_L), link == finger.tip_link))
-            beside.append(np.full(len(p_L), filtered))
+def _cover(scene: Scene, finger: Finger) -> _Spheres:
+    joint, points, radii, tips = [], [], [], []
+    around: list[tuple[int, np.ndarray, float]] = []
+    of_link, links, count = [], [], 0
+    for index, body, X_JL in _bodies(scene, finger):
+        shapes = [_cover_geometry(g) for _, g in _geometries(scene, body)]
+        if not shapes:
+            continue
+        p_J = np.concatenate([p for p, _ in shapes]) @ X_JL[:3, :3].T + X_JL[:3, 3]
+        r_J = np.concatenate([np.full(len(p), r) for p, r in shapes])
+        points.append(p_J)
+        radii.append(r_J)
+        joint.append(np.full(len(p_J), index))
+        tips.append(np.full(len(p_J), body.name() == finger.tip_link))
+        centre = (p_J.min(axis=0) + p_J.max(axis=0)) / 2
+        around.append((index, centre, float((np.linalg.norm(p_J - centre, axis=1) + r_J).max())))
+        of_link.append(slice(count, count + len(p_J)))
+        count += len(p_J)
+        links.append(body)
     return _Spheres(
-        joint=np.concatenate(joint),
-        p_J=np.concatenate(points),
+        joint=np.concatenate([[index for index, _, _ in around], *joint]).astype(int),
+        p_J=np.concatenate([[centre for _, centre, _ in around], *points]),
+        around=np.array([r for _, _, r in around]),
         radius=np.concatenate(radii),
         tip=np.concatenate(tips),
-        beside_palm=np.concatenate(beside),
+        of_link=tuple(of_link),
+        links=tuple(links),
     )
 
 
-def _rigid_links(hand: Hand, finger: Finger) -> dict[str, tuple[int, np.ndarray]]:
-    """Links that move with a finger: index of the moving joint each follows, and its pose in that joint's frame."""
-    index = {axis.joint: i for i, axis in enumerate(finger.axes)}
-    found: dict[str, tuple[int, np.ndarray]] = {}
-    joints = list(hand.urdf.joints.values())
-    while True:
-        added = False
-        for j in joints:
-            if j.child in found:
-                continue
-            if j.name in index:
-                found[j.child], added = (index[j.name], np.eye(4)), True
-            elif not j.moves and j.parent in found:
-                i, X = found[j.parent]
-                found[j.child], added = (i, X @ j.X_PC), True
-        if not added:
-            return found
+def _bodies(scene: Scene, finger: Finger) -> Iterator[tuple[int, RigidBody, np.ndarray]]:
+    """Bodies that move with a finger: index of the joint each follows, and its pose in that joint's frame."""
+    plant, context = scene.plant, scene.plant_context
+    for index, axis in enumerate(finger.axes):
+        child = plant.GetJointByName(axis.joint, scene.hand_model).child_body()
+        X_JW = child.EvalPoseInWorld(context).inverse()
+        for body in plant.GetBodiesWeldedTo(child):
+            yield index, body, X_JW.multiply(body.EvalPoseInWorld(context)).GetAsMatrix4()
 
 
-def _fill_geometry(g: Geometry) -> tuple[np.ndarray, float]:
-    """Sphere centres in the link's frame, and their radius."""
+def _still(scene: Scene, spheres: _Spheres) -> list[tuple[_Solid, np.ndarray]]:
+    """Bodies that stand still in W, and which of a finger's spheres (S,) are checked against each."""
+    inspector = scene.scene_graph.model_inspector()
+    own = [[g for g, _ in _geometries(scene, body)] for body in spheres.links]
+    found = []
+    for body in scene.plant.GetBodiesWeldedTo(scene.plant.world_body()):
+        shapes = _geometries(scene, body)
+        use = np.zeros(len(spheres.radius), dtype=bool)
+        for rows, ids in zip(spheres.of_link, own, strict=True):
+            use[rows] = any(not inspector.CollisionFiltered(a, b) for a in ids for b, _ in shapes)
+        if use.any():
+            X_WL = body.EvalPoseInWorld(scene.plant_context).GetAsMatrix4()
+            found.append((_Solid(Surface(tuple(replace(g, X_OG=X_WL @ g.X_OG) for _, g in shapes))), use))
+    return found
+
+
+def _cover_geometry(g: Geometry) -> tuple[np.ndarray, float]:
+    """Centres in the link's frame and radius of spheres that cover a shape."""
     if g.kind == "sphere":
-        centres, r = np.zeros((1, 3)), g.size[0]
+        centres, radius = np.zeros((1, 3)), g.size[0]
     elif g.kind in ("cylinder", "capsule"):
         r, length = g.size
-        n = max(2, int(np.ceil(length / (0.7 * r))) + 1)
-        centres = np.column_stack([np.zeros((n, 2)), np.linspace(-length / 2, length / 2, n)])
+        n = max(1, int(np.ceil(length / (0.6 * r))))
+        half = length / n / 2
+        # The rim of a cylinder is covered from half a step inside; round ends have spheres of their own.
+        end = length / 2 - (half if g.kind == "cylinder" else 0.0)
+        z = np.linspace(-end, end, n if g.kind == "cylinder" else n + 1)
+        centres, radius = np.column_stack([np.zeros((len(z), 2)), z]), float(np.hypot(r, half))
     else:
-        bare = Surface((Geometry(kind=g.kind, X_OG=np.eye(4), size=g.size, vertices=g.vertices, faces=g.faces),))
-        p, n = bare.sample(2.5 * _SHELL)
-        centres, r = p - _SHELL * n, _SHELL
-    return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], r
+        spacing = max(_SPACING, float(np.sqrt(g.to_trimesh().area / _MOST)))
+        p, normal = Surface((replace(g, X_OG=np.eye(4)),)).sample(spacing)
+        centres, radius = p - _SHELL * normal, float(np.hypot(_SHELL, spacing / np.sqrt(2)))
+    return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radius

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
+from drake_hand.planning.reach import Hold, ReachTable
 
 STROKES = (36, 28, 20, 14, 10)
 """Ticks a gait may advance before it steps back, the longest first."""
@@ -148,7 +149,7 @@ class _Rating:
 
     def _clear(self, combos: np.ndarray) -> np.ndarray:
         """Combinations whose fingers are clear of one another, each at its base or its end."""
-        between = self.reach.clearance.between_centres
+        between = self.reach.clearance.between
         for a, b in itertools.combinations(range(len(self.fingers)), 2):
             for x, y in ((0, 0), (1, 1), (0, 1), (1, 0)):
                 if len(combos):

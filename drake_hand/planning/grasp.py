@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
+from drake_hand.planning.reach import Hold, ReachTable
 
 CANDIDATES = 36
 """First contacts considered per finger."""
@@ -95,9 +96,9 @@ def select(
     for x in range(len(fingers)):
         for y in range(x + 1, len(fingers)):
             a, b = np.meshgrid(np.arange(sizes[x]), np.arange(sizes[y]), indexing="ij")
-            gap = clearance.between_centres(
-                fingers[x], centres[x][a.ravel()], fingers[y], centres[y][b.ravel()]
-            ).reshape(a.shape)
+            gap = clearance.between(fingers[x], centres[x][a.ravel()], fingers[y], centres[y][b.ravel()]).reshape(
+                a.shape
+            )
             clear &= gap[combos[:, x], combos[:, y]] >= CLEARANCE
     combos = combos[clear]
     if not len(combos):

@@ -10,16 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_hand.contact.chain import skew
+from drake_hand.contact.chain import material_jacobian
 from drake_hand.contact.rolling import Flow, Model, roll
-from drake_hand.planning.collision import Clearance
+from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.object_path import ObjectPath
+from drake_hand.planning.transit import LIFTS, Surroundings, lift
 
-CLEARANCE = 8.0e-4
-"""Least clearance of anything that should not touch, m; covers what the filling spheres leave out."""
-LIMIT_MARGIN = np.radians(1.0)
-SPACING = 5.0e-3
-"""Grid of contacts on the surface, m."""
+SPACING, MOST = 5.0e-3, 800
+"""Grid of contacts on the surface, m; coarser where that gives more than so many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,13 +45,13 @@ class Hold:
         return self.birth + len(self.q) - 1
 
     def at(self, tick: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q (m,), contact point (3,) and outward normal (3,) at a tick."""
+        """Joints (m,), contact point (3,) and outward normal (3,) at a tick."""
         a = tick - self.birth
         return self.q[a], self.p_WP[a], self.n_W[a]
 
 
 class ReachTable:
-    """Holds by finger and tick, computed when first asked for; once for all ticks if the path turns a symmetric object."""
+    """Holds by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
 
     def __init__(
         self, clearance: Clearance, path: ObjectPath, model: Model, parked: dict[int, np.ndarray] | None = None
@@ -67,14 +65,15 @@ class ReachTable:
             parked: joint angles (m,) of fingers that stay where they are, by index; holds keep clear of them.
         """
         self.clearance, self.path, self.model = clearance, path, model
-        self._parked = [(j, clearance.centres(j, q[None])) for j, q in (parked or {}).items()]
+        self._parked = tuple((j, clearance.centres(j, q[None])) for j, q in (parked or {}).items())
         self.symmetric = False
         if path.axis_W is not None and path.point_W is not None:
             X = path.X_WO[0]
             self.symmetric = clearance.surface.symmetric_about(
                 X[:3, :3].T @ path.axis_W, X[:3, :3].T @ (path.point_W - X[:3, 3])
             )
-        self._points, self._normals = clearance.surface.sample(SPACING)
+        many = len(clearance.surface.sample(SPACING)[0])
+        self._points, self._normals = clearance.surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
         self._flows: dict[tuple[int, int], list[Hold]] = {}
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
@@ -102,15 +101,13 @@ class ReachTable:
     def _compute(self, finger: int, tick: int) -> list[Hold]:
         kin = self.clearance.kinematics[finger]
         X, r = self.path.X_WO[tick], kin.finger.radius
-        C_W = (self._points + r * self._normals) @ X[:3, :3].T + X[:3, 3]
-        why: dict[str, int] = {}
-        ball = np.linalg.norm(kin._seeds[1].data - kin._seeds[1].data.mean(axis=0), axis=1).max()
-        near = np.linalg.norm(C_W - kin._seeds[1].data.mean(axis=0), axis=1) < ball
-        why["out of reach"] = int((~near).sum())
-        q, residual = kin.ik(C_W[near])
-        fine = residual < 1e-5
-        why["out of reach"] += int((~fine).sum())
-        q = q[fine]
+        n_W = self._normals @ X[:3, :3].T
+        q, residual = kin.ik(self._points @ X[:3, :3].T + X[:3, 3] + r * n_W)
+        near = np.flatnonzero(residual < 1e-5)
+        around = Surroundings(clearance=self.clearance, X_WO=X, others=self._parked)
+        _, able = lift(around, finger, q[near], n_W[near], LIFTS[0])
+        why = {"out of reach": len(q) - len(near), "no room to land": int((~able).sum())}
+        q = q[near[able]]
         if not len(q):
             self.limits[finger, tick] = why
             return []
@@ -125,12 +122,8 @@ class ReachTable:
         c = self.clearance
 
         def blocked(q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
-            least = np.minimum(c.to_object(finger, q, X_WO, tip=False), c.to_palm(finger, q))
-            if self._parked:
-                centres = c.centres(finger, q)
-                for j, other in self._parked:
-                    least = np.minimum(least, c.between_centres(finger, centres, j, other))
-            return least < CLEARANCE
+            around = Surroundings(clearance=c, X_WO=X_WO, others=self._parked)
+            return around.clear(finger, q, tip=False) < CLEARANCE
 
         return roll(
             c.kinematics[finger],
@@ -138,7 +131,6 @@ class ReachTable:
             self.path.X_WO[tick:],
             q,
             model=self.model,
-            limit_margin=float(LIMIT_MARGIN),
             blocked=blocked,
         )
 
@@ -157,5 +149,5 @@ class ReachTable:
             p_WP=np.einsum("kij,kj->ki", R, flow.p_OP[:L, j]) + X[:, :3, 3],
             n_W=n_W,
             limited_by=str(flow.limited_by[j]),
-            J_WP=J + kin.finger.radius * skew(n_W) @ Jw,
+            J_WP=material_jacobian(J, Jw, kin.finger.radius * n_W),
         )

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.gait import Gait
 from drake_hand.planning.grasp import lifts
 from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import CLEARANCE, Hold, ReachTable
+from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.transit import LIFTS, Surroundings, detour, lift, straight
 
 WEIGHT = 1.5
@@ -203,8 +204,9 @@ class Search:
         first, end = max(a.birth, b.birth), min(a.end, b.end)
         if key not in self._pairs:
             ticks = np.arange(first, end + 1)
-            gap = self.reach.clearance.between(a.finger, a.q[ticks - a.birth], b.finger, b.q[ticks - b.birth])
-            self._pairs[key] = gap >= CLEARANCE
+            c = self.reach.clearance
+            ways = (c.centres(h.finger, h.q[ticks - h.birth]) for h in (a, b))
+            self._pairs[key] = c.between(a.finger, next(ways), b.finger, next(ways)) >= CLEARANCE
         clear = self._pairs[key][tick - first :]
         return end if clear.all() else tick + int(np.argmin(clear)) - 1
 
@@ -240,7 +242,7 @@ class Search:
         clear = np.ones(len(options), dtype=bool)
         for h in others:
             other = clearance.centres(h.finger, h.at(t)[0][None])
-            clear &= clearance.between_centres(held.finger, centres, h.finger, other) >= CLEARANCE
+            clear &= clearance.between(held.finger, centres, h.finger, other) >= CLEARANCE
         options = [c for c, fine in zip(options, clear, strict=True) if fine]
         if not options:
             return
@@ -295,9 +297,8 @@ class Search:
         qb, _, nb = new.at(t)
         ends = []
         for height in LIFTS:
-            up = lift(around, old.finger, qa, na, height)
-            down = lift(around, old.finger, qb, nb, height)
-            if up is None or down is None:
+            (up, down), able = lift(around, old.finger, np.stack([qa, qb]), np.stack([na, nb]), height)
+            if not able.all():
                 continue
             between = straight(around, old.finger, up[-1], down[-1])
             if between is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,26 +10,31 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from drake_hand.planning.collision import Clearance
-from drake_hand.planning.reach import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE, Clearance
 
+MOVING = CLEARANCE / 2
+"""Least clearance on a way, m."""
 LIFTS = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
 KNOTS = 9
 """Knots of a lift or a landing."""
 STEP = np.radians(3.0)
 """Joint step between knots and between collision checks of a travel."""
+_JUMP = np.radians(20.0)
+"""Joint step of a lift that is no longer one way."""
+_ATTEMPTS = 60
+"""Shortest paths looked at before a detour is given up."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """What a moving finger must keep clear of: object and all other fingers, all at rest."""
+    """What a moving finger must keep clear of: palm, object and other fingers, all at rest."""
 
     clearance: Clearance
     X_WO: np.ndarray
     """(4, 4)."""
-    others: tuple[tuple[int, np.ndarray], ...]
-    """(finger index, sphere centres (1, S, 3)) of the fingers at rest."""
+    others: tuple[tuple[int, np.ndarray], ...] = ()
+    """(finger index, sphere centres (1, any, 3)) of the fingers at rest."""
 
     @classmethod
     def of(cls, clearance: Clearance, q: np.ndarray, X_WO: np.ndarray, moving: int) -> Surroundings:
@@ -40,42 +46,44 @@ class Surroundings:
 
     def clear(self, i: int, q: np.ndarray, *, tip: bool) -> np.ndarray:
         """(N,) least clearance of finger i at q (N, m) from everything, the tip's from the object only if `tip`."""
-        return np.minimum(self.clear_centres(i, self.clearance.centres(i, q), tip=tip), self.clearance.to_palm(i, q))
+        centres = self.clearance.centres(i, q)
+        return np.minimum(self.clearance.to_palm(i, centres), self.beside_palm(i, centres, tip=tip))
 
-    def clear_centres(self, i: int, centres: np.ndarray, *, tip: bool) -> np.ndarray:
-        """As :meth:`clear`, from sphere centres (N, S, 3), the palm left out."""
-        least = self.clearance.centres_to_object(i, centres, self.X_WO, tip=tip)
+    def beside_palm(self, i: int, centres: np.ndarray, *, tip: bool) -> np.ndarray:
+        """As :meth:`clear`, from sphere centres (N, any, 3), the palm left out."""
+        least = self.clearance.to_object(i, centres, self.X_WO, tip=tip)
         for j, other in self.others:
-            least = np.minimum(least, self.clearance.between_centres(i, centres, j, other))
+            least = np.minimum(least, self.clearance.between(i, centres, j, other))
         return least
 
 
-def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> np.ndarray | None:
-    """Way of finger i from its contact at q (m,) straight up the normal: (KNOTS, m), or None where it is blocked."""
+def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ways of finger i from contacts at q (N, m) straight up their normals n_W (N, 3).
+
+    Returns:
+        (N, KNOTS, m) ways, and whether each is clear (N,).
+    """
     kin = s.clearance.kinematics[i]
-    p, _ = kin.fk(q[None])
-    heights = np.linspace(0, height, KNOTS)[1:, None]
-    rest, residual = kin.ik(p + heights * n_W, np.repeat(q[None], KNOTS - 1, axis=0))
-    if (residual > 2e-5).any():
-        return None
-    way = np.vstack([q, rest])
-    if (s.clear(i, way, tip=False) < CLEARANCE / 2).any() or (s.clear(i, way[-1:], tip=True) < CLEARANCE).any():
-        return None
-    return way
+    p, _ = kin.fk(q)
+    ways, able = [q], np.ones(len(q), dtype=bool)
+    for h in np.linspace(0, height, KNOTS)[1:]:
+        knot, residual = kin.ik(p + h * n_W, ways[-1])
+        able &= (residual < 2e-5) & (np.abs(knot - ways[-1]).max(axis=1) < _JUMP)
+        ways.append(knot)
+    way = np.stack(ways, axis=1)
+    rows = np.flatnonzero(able)
+    along = s.clear(i, way[rows].reshape(-1, way.shape[2]), tip=False).reshape(len(rows), KNOTS)
+    able[rows] = (along >= MOVING).all(axis=1)
+    rows = np.flatnonzero(able)
+    able[rows] = s.clear(i, way[rows, -1], tip=True) >= CLEARANCE
+    return way, able
 
 
 def straight(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Straight way in joint space from a to b (m,), or None where something is in the way."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
-    u = np.linspace(0, 1, n)[:, None]
-    way = a + u * (b - a)
-    return way if (s.clear(i, way, tip=True) >= CLEARANCE / 2).all() else None
-
-
-def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
-    """Way of a free finger from a to b (m,): straight where that is clear, else by :func:`detour`."""
-    direct = straight(s, i, a, b)
-    return [direct] if direct is not None else detour(s, i, a, b)
+    way = a + np.linspace(0, 1, n)[:, None] * (b - a)
+    return way if (s.clear(i, way, tip=True) >= MOVING).all() else None
 
 
 def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
@@ -98,7 +106,7 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
             way.append(int(before[way[-1]]))
         way.reverse()
         blocked = False
-        for u, v in zip(way[:-1], way[1:], strict=True):
+        for u, v in itertools.pairwise(way):
             if (u, v) not in pieces:
                 piece = straight(s, i, nodes[u], nodes[v])
                 if piece is None:
@@ -106,24 +114,20 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
                     blocked = True
                     break
                 pieces[u, v] = piece
-        if not blocked:
-            graph.eliminate_zeros()
-            return _shorten(s, i, [nodes[x] for x in way])
         graph.eliminate_zeros()
+        if not blocked:
+            return _shorten(s, i, [nodes[x] for x in way])
     return None
-
-
-_ATTEMPTS = 60
 
 
 def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
     """Nodes (row 0 is a, row 1 is b) and their distances: grid neighbours, and both ends to what is near."""
-    q, centres = s.clearance.grid(i)
-    nodes = np.vstack([a, b, q[s.clear_centres(i, centres, tip=True) >= CLEARANCE]])
-    cell = s.clearance.cell(i)
-    tree = cKDTree(nodes / cell)
-    pairs = tree.query_pairs(1.8, output_type="ndarray")
-    ends = tree.query(nodes[:2] / cell, k=min(12, len(nodes)))[1]
+    grid = s.clearance.postures(i)
+    clear = s.beside_palm(i, grid.centres, tip=True) >= CLEARANCE
+    nodes = np.vstack([a, b, grid.q[clear]])
+    row = np.cumsum(clear) + 1
+    pairs = row[grid.neighbours[clear[grid.neighbours].all(axis=1)]]
+    ends = cKDTree(nodes / grid.cell).query(nodes[:2] / grid.cell, k=min(12, len(nodes)))[1]
     pairs = np.vstack([pairs, *[np.column_stack([np.full(len(e), x), e]) for x, e in enumerate(ends)]])
     pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
     distance = np.abs(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).max(axis=1)
