@@ -104,6 +104,8 @@ def run_case(case: Case, seed: int, sync_ms: int = 10) -> Outcome:
             with sim:
                 answer = _execute(plan, trial, log)
                 timer.cancel()
+                if not case.reachable:
+                    time.sleep(BY_ITSELF_S)
         header, rows, events = read_timeline(timeline)
     return _judge(case, trial, answer, header, rows, events)
 
