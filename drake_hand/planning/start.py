@@ -15,6 +15,8 @@ DRAWN = 4000
 """Poses drawn before the first, coarse choice."""
 RATED = 40
 """Poses rated with reach tables."""
+ENOUGH = 0.15
+"""Share of the contacts near a finger's reach beyond which more does not count: every finger is to have some."""
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
@@ -60,7 +62,7 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
         p_W = samples[:: max(1, len(samples) // 24)] @ X[:3, :3].T + X[:3, 3]
         for tree, kin in zip(trees, clearance.kinematics, strict=True):
             gap = np.abs(tree.query(p_W)[0] - kin.finger.radius)
-            reach += float(np.sqrt((gap < 3e-3).mean()))
+            reach += min(float((gap < 3e-3).mean()), ENOUGH)
         found.append((reach, X))
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     for k in order[:RATED]:
