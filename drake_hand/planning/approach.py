@@ -12,7 +12,7 @@ from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import Hold
-from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, detour, lift, straight
+from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift, travel
 
 _POSES = 40
 """Poses of the object at which a waiting finger is checked."""
@@ -80,21 +80,17 @@ def close(builder: LegBuilder, clearance: Clearance, holds: list[Hold]) -> bool:
         Whether it was possible; if not, the builder is left as it was.
     """
     X = builder.X_WO
-    down: dict[int, np.ndarray] = {}
-    for h in holds:
-        q, _, n_W = h.at(h.birth)
-        up = _lift(clearance, X, h.finger, q, n_W)
-        if up is None:
-            return False
-        down[h.finger] = up[::-1]
-    legs = _ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
-    if legs is None or not _together(clearance, builder.q, down, X, tip=False):
-        return False
-    for pieces in [*legs, down]:
-        builder.move(pieces)
-    for h in holds:
-        builder.make(h.finger, X[:3, :3].T @ (h.at(h.birth)[1] - X[:3, 3]))
-    return True
+    contacts = {h.finger: (h.at(h.birth)[0], h.at(h.birth)[2]) for h in holds}
+    for up in _lifts(clearance, builder.q, contacts, X):
+        down = {i: way[::-1] for i, way in up.items()}
+        legs = _ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
+        if legs is not None:
+            for pieces in [*legs, down]:
+                builder.move(pieces)
+            for h in holds:
+                builder.make(h.finger, X[:3, :3].T @ (h.at(h.birth)[1] - X[:3, 3]))
+            return True
+    return False
 
 
 def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray], q_rest: np.ndarray) -> bool:
@@ -104,33 +100,35 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
         Whether it was possible; if not, the builder is left as it was.
     """
     X, fingers = builder.X_WO, builder.hand.fingers
-    up: dict[int, np.ndarray] = {}
-    for i, n in n_W.items():
-        way = _lift(clearance, X, i, builder.q[fingers[i].columns], n)
-        if way is None:
-            return False
-        up[i] = way
-    lifted = builder.q.copy()
-    for i, way in up.items():
-        lifted[fingers[i].columns] = way[-1]
-    legs = _ways(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
-    if legs is None or not _together(clearance, builder.q, up, X, tip=False):
-        return False
-    for i in n_W:
-        builder.break_(i)
-    for pieces in [up, *legs]:
-        builder.move(pieces)
-    return True
+    contacts = {i: (builder.q[fingers[i].columns], n) for i, n in n_W.items()}
+    for up in _lifts(clearance, builder.q, contacts, X):
+        lifted = builder.q.copy()
+        for i, way in up.items():
+            lifted[fingers[i].columns] = way[-1]
+        legs = _ways(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
+        if legs is not None:
+            for i in n_W:
+                builder.break_(i)
+            for pieces in [up, *legs]:
+                builder.move(pieces)
+            return True
+    return False
 
 
-def _lift(clearance: Clearance, X_WO: np.ndarray, i: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray | None:
-    """Way (n, m) of finger i from its contact to above it, other fingers left out; well above if that is clear."""
+def _lifts(
+    clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
+) -> Iterator[dict[int, np.ndarray]]:
+    """Ways (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
     around = Surroundings(clearance=clearance, X_WO=X_WO)
     for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
-        way, able = lift(around, i, q[None], n_W[None], height)
-        if able[0]:
-            return way[0]
-    return None
+        up = {}
+        for i, (at, n_W) in contacts.items():
+            way, able = lift(around, i, at[None], n_W[None], height)
+            if not able[0]:
+                break
+            up[i] = way[0]
+        if len(up) == len(contacts) and _together(clearance, q, up, X_WO, tip=False):
+            yield up
 
 
 def _ways(
@@ -138,42 +136,33 @@ def _ways(
 ) -> list[dict[int, np.ndarray]] | None:
     """Ways of several free fingers from q (nq,) to their goals (m,).
 
-    All at once if that is clear; else one after the other, those first that can go straight.
+    All at once if that is clear; else one after the other, where the first that finds no way gets to go first.
     """
     columns = {i: clearance.hand.fingers[i].columns for i in goals}
-    left = {i: goal for i, goal in goals.items() if np.abs(goal - q[columns[i]]).max() > 1e-9}
-    if not left:
+    order = [i for i, goal in goals.items() if np.abs(goal - q[columns[i]]).max() > 1e-9]
+    if not order:
         return []
-    n = max(3, *(int(np.ceil(np.abs(goal - q[columns[i]]).max() / STEP)) + 1 for i, goal in left.items()))
+    n = max(3, *(int(np.ceil(np.abs(goals[i] - q[columns[i]]).max() / STEP)) + 1 for i in order))
     u = np.linspace(0, 1, n)[:, None]
-    ways = {i: q[columns[i]] + u * (goal - q[columns[i]]) for i, goal in left.items()}
+    ways = {i: q[columns[i]] + u * (goals[i] - q[columns[i]]) for i in order}
     if _together(clearance, q, ways, X_WO, tip=True):
         return [ways]
-    now, legs = q.copy(), []
-    while left:
-        found = next(_next(clearance, now, left, X_WO), None)
-        if found is None:
+    for _ in range(2 * len(order)):
+        now, legs, stuck = q.copy(), [], None
+        for i in order:
+            pieces = travel(Surroundings.of(clearance, now, X_WO, i), i, now[columns[i]], goals[i])
+            if pieces is None:
+                stuck = i
+                break
+            legs += [{i: piece} for piece in pieces]
+            now[columns[i]] = goals[i]
+        if stuck is None:
+            return legs
+        if stuck == order[0]:
             return None
-        i, pieces = found
-        legs += [{i: piece} for piece in pieces]
-        now[columns[i]] = left.pop(i)
-    return legs
-
-
-def _next(
-    clearance: Clearance, q: np.ndarray, goals: dict[int, np.ndarray], X_WO: np.ndarray
-) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Fingers that could go to their goals now, and the pieces of their ways (n, m)."""
-    around = {i: Surroundings.of(clearance, q, X_WO, i) for i in goals}
-    at = {i: q[clearance.hand.fingers[i].columns] for i in goals}
-    for i, goal in goals.items():
-        way = straight(around[i], i, at[i], goal)
-        if way is not None:
-            yield i, [way]
-    for i, goal in goals.items():
-        pieces = detour(around[i], i, at[i], goal)
-        if pieces is not None:
-            yield i, pieces
+        order.remove(stuck)
+        order.insert(0, stuck)
+    return None
 
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:

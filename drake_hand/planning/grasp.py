@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import Hold, ReachTable
 
@@ -82,25 +84,7 @@ def select(
         tables.append(spread([h for h in able if h.end >= goal] or able, CANDIDATES))
     if not all(tables):
         return []
-    sizes = [len(t) for t in tables]
-    if np.prod([float(s) for s in sizes]) <= COMBINATIONS:
-        combos = np.stack(np.meshgrid(*[np.arange(s) for s in sizes], indexing="ij"), axis=-1).reshape(-1, len(sizes))
-    else:
-        # Long holds are drawn more often: the square of a uniform variable leans to the front of the tables.
-        order = [np.argsort([-len(h.q) for h in t], kind="stable") for t in tables]
-        u = rng.random((COMBINATIONS, len(sizes))) ** 1.5
-        combos = np.stack([order[x][(u[:, x] * s).astype(int)] for x, s in enumerate(sizes)], axis=1)
-        combos = np.unique(combos, axis=0)
-    centres = [clearance.centres(i, np.stack([h.q[0] for h in t])) for i, t in zip(fingers, tables, strict=True)]
-    clear = np.ones(len(combos), dtype=bool)
-    for x in range(len(fingers)):
-        for y in range(x + 1, len(fingers)):
-            a, b = np.meshgrid(np.arange(sizes[x]), np.arange(sizes[y]), indexing="ij")
-            gap = clearance.between(fingers[x], centres[x][a.ravel()], fingers[y], centres[y][b.ravel()]).reshape(
-                a.shape
-            )
-            clear &= gap[combos[:, x], combos[:, y]] >= CLEARANCE
-    combos = combos[clear]
+    combos = _combinations(clearance, fingers, tables, rng)
     if not len(combos):
         return []
     sets = [[tables[x][j] for x, j in enumerate(row)] for row in combos]
@@ -117,5 +101,44 @@ def select(
     liftable[kept] = without.sum(axis=0)
     lasting = np.array([min(len(h.q) for h in held) for held in sets])
     score = np.where(kept, liftable + np.minimum(lasting, 40) / 40 + np.minimum(whole, 1.0), -np.inf)
-    best = np.argsort(-score, kind="stable")[:GRASPS]
-    return [(float(score[b]), sets[b]) for b in best if np.isfinite(score[b])]
+    best = _different(combos, score)
+    return [(float(score[b]), sets[b]) for b in best]
+
+
+def _combinations(
+    clearance: Clearance, fingers: list[int], tables: list[list[Hold]], rng: np.random.Generator
+) -> np.ndarray:
+    """Rows of one hold per finger (indices into its table) that are clear of one another: all, or some at random."""
+    centres = [clearance.centres(i, np.stack([h.q[0] for h in t])) for i, t in zip(fingers, tables, strict=True)]
+    few = np.prod([float(len(t)) for t in tables]) <= COMBINATIONS
+    rows = np.zeros((1 if few else COMBINATIONS, 0), dtype=int)
+    for y, table in enumerate(tables):
+        clear = np.ones((len(rows), len(table)), dtype=bool)
+        for x in range(y):
+            a, b = np.indices((len(tables[x]), len(table))).reshape(2, -1)
+            gap = clearance.between(fingers[x], centres[x][a], fingers[y], centres[y][b])
+            clear &= (gap >= CLEARANCE).reshape(len(tables[x]), len(table))[rows[:, x]]
+        if few:
+            row, column = np.nonzero(clear)
+        else:
+            # One clear hold each, long ones more often (weighted sampling; Efraimidis & Spirakis 2006).
+            weight = np.array([len(h.q) for h in table]) / max(len(h.q) for h in table)
+            row = np.flatnonzero(clear.any(axis=1))
+            column = np.where(clear, rng.random(clear.shape) ** (1 / weight), -1.0).argmax(axis=1)[row]
+        rows = np.column_stack([rows[row], column])
+    return np.unique(rows, axis=0)
+
+
+def _different(combos: np.ndarray, score: np.ndarray) -> list[int]:
+    """The best rows; no hold is in too many of them, lest all fail for the same reason."""
+    sizes = [len(np.unique(column)) for column in combos.T]
+    taken: list[int] = []
+    used: Counter[tuple[int, int]] = Counter()
+    for b in np.argsort(-score, kind="stable"):
+        holds = list(enumerate(combos[b].tolist()))
+        if not np.isfinite(score[b]) or len(taken) == GRASPS:
+            break
+        if all(used[x, j] <= 2 * GRASPS // sizes[x] for x, j in holds):
+            taken.append(int(b))
+            used.update(holds)
+    return taken

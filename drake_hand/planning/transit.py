@@ -86,6 +86,14 @@ def straight(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarra
     return way if (s.clear(i, way, tip=True) >= MOVING).all() else None
 
 
+def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
+    """Way of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, else by :func:`detour`."""
+    if (s.clear(i, np.stack([a, b]), tip=True) < MOVING).any():
+        return None
+    direct = straight(s, i, a, b)
+    return [direct] if direct is not None else detour(s, i, a, b)
+
+
 def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
     """Way of a free finger from a to b (m,) over a roadmap.
 
