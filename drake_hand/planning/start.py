@@ -11,18 +11,22 @@ from scipy.spatial.transform import Rotation
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.task import Task
 
-DRAWN = 4000
+DRAWN = 1500
 """Poses drawn before the first, coarse choice."""
 RATED = 40
 """Poses rated with reach tables."""
-ENOUGH = 0.15
-"""Share of the contacts near a finger's reach beyond which more does not count: every finger is to have some."""
+_HALF_BREADTH = 0.05
+"""Of the part of a long object that lies across the fingers, m."""
+_SIDES = 0.3
+"""Share of the object's sides that a finger has to reach to be of use."""
+_NEAR = 4.0e-3
+"""A contact this near one of many random postures of a finger counts as reached, m."""
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
 
 def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Poses X_WO (4, 4) in the reach of many fingers, the most promising first.
+    """Poses X_WO (4, 4) the most promising first: where most fingers reach several sides of the object, and much of it.
 
     The object's long axis lies along the line of the finger bases, as a pencil lies across the fingers, give or take
     30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through its own
@@ -46,24 +50,21 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
     given = None
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-    samples, _ = surface.sample(8e-3)
-    near = np.abs(samples @ surface.long_axis) < 0.06
-    samples = samples[near]
+    samples, normals = surface.sample(8e-3)
+    near = np.abs(samples @ surface.long_axis) < _HALF_BREADTH
+    samples, normals = samples[near], normals[near]
+    sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
     found = []
     for k in range(DRAWN):
         along = given if given is not None and k % 2 == 0 else _lean(axis, rng)
         X = np.eye(4)
-        X[:3, :3] = (
-            _aligned(surface.long_axis, along)
-            @ Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi)).as_matrix()
-        )
+        about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
+        X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
         X[:3, 3] = rng.uniform(low, high)
-        reach = 0.0
-        p_W = samples[:: max(1, len(samples) // 24)] @ X[:3, :3].T + X[:3, 3]
-        for tree, kin in zip(trees, clearance.kinematics, strict=True):
-            gap = np.abs(tree.query(p_W)[0] - kin.finger.radius)
-            reach += min(float((gap < 3e-3).mean()), ENOUGH)
-        found.append((reach, X))
+        C_W = [(samples + f.radius * normals) @ X[:3, :3].T + X[:3, 3] for f in clearance.hand.fingers]
+        reached = [tree.query(C)[0] < _NEAR for tree, C in zip(trees, C_W, strict=True)]
+        able = [len(np.unique(side[r])) >= _SIDES * len(sides) for r in reached]
+        found.append((sum(able) + sum(float(r.mean()) for r in reached), X))
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     for k in order[:RATED]:
         yield found[k][1]
