@@ -50,6 +50,23 @@ class Hold:
         return self.q[a], self.p_WP[a], self.n_W[a]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contacts:
+    """All contacts one finger can make at a tick, the longest-lasting first, as they are when made."""
+
+    holds: list[Hold]
+    length: np.ndarray
+    """(N,) ticks each lasts."""
+    q: np.ndarray
+    """(N, m) rad."""
+    p_WP: np.ndarray
+    n_W: np.ndarray
+    J_WP: np.ndarray
+    """(N, 3), (N, 3), (N, 3, m), as in `Hold`."""
+    centres: np.ndarray
+    """(N, any, 3) where the finger's spheres are."""
+
+
 class ReachTable:
     """Holds by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
 
@@ -65,7 +82,8 @@ class ReachTable:
             parked: joint angles (m,) of fingers that stay where they are, by index; holds keep clear of them.
         """
         self.clearance, self.path, self.model = clearance, path, model
-        self._parked = tuple((j, clearance.centres(j, q[None])) for j, q in (parked or {}).items())
+        self.parked = tuple((j, clearance.centres(j, q[None])) for j, q in (parked or {}).items())
+        """(finger index, sphere centres (1, any, 3)) of the fingers that stay where they are."""
         self.symmetric = False
         if path.axis_W is not None and path.point_W is not None:
             X = path.X_WO[0]
@@ -74,7 +92,8 @@ class ReachTable:
             )
         many = len(clearance.surface.sample(SPACING)[0])
         self._points, self._normals = clearance.surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
-        self._flows: dict[tuple[int, int], list[Hold]] = {}
+        self._contacts: dict[tuple[int, int], Contacts] = {}
+        self._centres: dict[tuple[int, int, int], np.ndarray] = {}
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
@@ -83,46 +102,64 @@ class ReachTable:
         X = self.path.X_WO[ticks]
         return X[:, :3, :3] @ self.clearance.p_OCom + X[:, :3, 3]
 
+    def contacts(self, finger: int, tick: int) -> Contacts:
+        """Contacts the finger can make at a tick; of a turning symmetric object, those of tick 0, its `holds` too."""
+        source = self._source(tick)
+        if (finger, source) not in self._contacts:
+            self._contacts[finger, source] = self._compute(finger, source)
+        return self._contacts[finger, source]
+
     def holds(self, finger: int, tick: int) -> list[Hold]:
         """Contacts the finger can make at a tick, the longest-lasting first."""
-        source = 0 if self.symmetric else tick
-        if (finger, source) not in self._flows:
-            self._flows[finger, source] = self._compute(finger, source)
-        table = self._flows[finger, source]
-        if source == tick:
-            return table
-        return [replace(h, birth=tick) for h in table]
+        table = self.contacts(finger, tick).holds
+        return table if self._source(tick) == tick else [replace(h, birth=tick) for h in table]
+
+    def centres(self, hold: Hold) -> np.ndarray:
+        """(L, any, 3) where the finger's spheres are along a hold."""
+        key = (hold.finger, hold.table, self._source(hold.birth))
+        if key not in self._centres:
+            self._centres[key] = self.clearance.centres(hold.finger, hold.q)
+        return self._centres[key]
 
     def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
         """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
         flow = self._roll(finger, tick, q[None])
-        return self._hold(finger, tick, flow, 0, table=-1 - tick) if flow.length[0] else None
+        return self._holds(finger, tick, flow, first=-1 - tick)[0] if flow.length[0] else None
 
-    def _compute(self, finger: int, tick: int) -> list[Hold]:
+    def _source(self, tick: int) -> int:
+        return 0 if self.symmetric else tick
+
+    def _compute(self, finger: int, tick: int) -> Contacts:
         kin = self.clearance.kinematics[finger]
         X, r = self.path.X_WO[tick], kin.finger.radius
         n_W = self._normals @ X[:3, :3].T
         q, residual = kin.ik(self._points @ X[:3, :3].T + X[:3, 3] + r * n_W)
         near = np.flatnonzero(residual < 1e-5)
-        around = Surroundings(clearance=self.clearance, X_WO=X, others=self._parked)
+        around = Surroundings(clearance=self.clearance, X_WO=X, others=self.parked)
         _, able = lift(around, finger, q[near], n_W[near], LIFTS[0])
+        flow = self._roll(finger, tick, q[near[able]])
         why = {"out of reach": len(q) - len(near), "no room to land": int((~able).sum())}
-        q = q[near[able]]
-        if not len(q):
-            self.limits[finger, tick] = why
-            return []
-        flow = self._roll(finger, tick, q)
         for word in flow.limited_by:
             why[word] = why.get(word, 0) + 1
         self.limits[finger, tick] = why
-        order = np.argsort(-flow.length, kind="stable")
-        return [self._hold(finger, tick, flow, j, table=int(j)) for j in order if flow.length[j] > 0]
+        holds = sorted(self._holds(finger, tick, flow), key=lambda h: -len(h.q))
+        m = len(kin.lower)
+        q = np.array([h.q[0] for h in holds]).reshape(-1, m)
+        return Contacts(
+            holds=holds,
+            length=np.array([len(h.q) for h in holds], dtype=int),
+            q=q,
+            p_WP=np.array([h.p_WP[0] for h in holds]).reshape(-1, 3),
+            n_W=np.array([h.n_W[0] for h in holds]).reshape(-1, 3),
+            J_WP=np.array([h.J_WP[0] for h in holds]).reshape(-1, 3, m),
+            centres=self.clearance.centres(finger, q),
+        )
 
     def _roll(self, finger: int, tick: int, q: np.ndarray) -> Flow:
         c = self.clearance
 
         def blocked(q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
-            around = Surroundings(clearance=c, X_WO=X_WO, others=self._parked)
+            around = Surroundings(clearance=c, X_WO=X_WO, others=self.parked)
             return around.clear(finger, q, tip=False) < CLEARANCE
 
         return roll(
@@ -134,20 +171,28 @@ class ReachTable:
             blocked=blocked,
         )
 
-    def _hold(self, finger: int, tick: int, flow: Flow, j: int, *, table: int) -> Hold:
-        L = int(flow.length[j])
-        X = self.path.X_WO[tick : tick + L]
-        R = X[:, :3, :3]
-        kin, q = self.clearance.kinematics[finger], flow.q[:L, j]
-        n_W = np.einsum("kij,kj->ki", R, flow.nhat_O[:L, j])
-        _, _, J, Jw = kin.jacobian(q)
-        return Hold(
-            finger=finger,
-            birth=tick,
-            table=table,
-            q=q,
-            p_WP=np.einsum("kij,kj->ki", R, flow.p_OP[:L, j]) + X[:, :3, 3],
-            n_W=n_W,
-            limited_by=str(flow.limited_by[j]),
-            J_WP=material_jacobian(J, Jw, kin.finger.radius * n_W),
-        )
+    def _holds(self, finger: int, tick: int, flow: Flow, *, first: int = 0) -> list[Hold]:
+        """What of a flow lasts at all; `first` numbers the tables."""
+        K = int(flow.length.max(initial=0))
+        X, kin = self.path.X_WO[tick : tick + K], self.clearance.kinematics[finger]
+        R, q = X[:, :3, :3], flow.q[:K]
+        n_W = np.einsum("kij,knj->kni", R, flow.nhat_O[:K])
+        p_WP = np.einsum("kij,knj->kni", R, flow.p_OP[:K]) + X[:, None, :3, 3]
+        J_WP = np.zeros((*q.shape[:2], 3, q.shape[2]))
+        lasts = np.arange(K)[:, None] < flow.length
+        _, _, J, Jw = kin.jacobian(q[lasts])
+        J_WP[lasts] = material_jacobian(J, Jw, kin.finger.radius * n_W[lasts])
+        return [
+            Hold(
+                finger=finger,
+                birth=tick,
+                table=first + j,
+                q=q[:L, j],
+                p_WP=p_WP[:L, j],
+                n_W=n_W[:L, j],
+                J_WP=J_WP[:L, j],
+                limited_by=str(flow.limited_by[j]),
+            )
+            for j, L in enumerate(flow.length)
+            if L > 0
+        ]

@@ -26,8 +26,10 @@ from drake_hand.planning.transit import LIFTS, Surroundings, detour, lift, strai
 
 WEIGHT = 1.5
 """Of the heuristic: above 1 goes for the end sooner at the price of at most that many times the regrasps."""
-CHILDREN = 3
-"""Contacts tried per finger and tick."""
+CHILDREN = 5
+"""Contacts tried per finger and tick ..."""
+OPTIONS = 60
+"""... out of so many that last longest."""
 COARSE = 4
 """On objects that are not symmetric, contacts are made at multiples of this many ticks, so that tables are shared."""
 GAIN = 3
@@ -204,9 +206,8 @@ class Search:
         first, end = max(a.birth, b.birth), min(a.end, b.end)
         if key not in self._pairs:
             ticks = np.arange(first, end + 1)
-            c = self.reach.clearance
-            ways = (c.centres(h.finger, h.q[ticks - h.birth]) for h in (a, b))
-            self._pairs[key] = c.between(a.finger, next(ways), b.finger, next(ways)) >= CLEARANCE
+            x, y = (self.reach.centres(h)[ticks - h.birth] for h in (a, b))
+            self._pairs[key] = self.reach.clearance.between(a.finger, x, b.finger, y) >= CLEARANCE
         clear = self._pairs[key][tick - first :]
         return end if clear.all() else tick + int(np.argmin(clear)) - 1
 
@@ -230,20 +231,16 @@ class Search:
                 yield from self._regrasps(node, slot, held, t, goal)
 
     def _regrasps(self, node: Node, slot: int, held: Hold, t: int, goal: int):
-        options = [c for c in self.reach.holds(held.finger, t) if min(c.end, goal) >= min(held.end + GAIN, goal)][:60]
+        table = self.reach.contacts(held.finger, t)
+        lasting = np.minimum(t + table.length - 1, goal) >= min(held.end + GAIN, goal)
+        rows = np.flatnonzero(lasting)[:OPTIONS]
+        rows = rows[self._clear_of(node, slot, t, table.centres[rows])]
+        options = [replace(table.holds[j], birth=t) for j in rows]
         if self.reach.symmetric:
-            options += self._earlier(node, slot, t, held)
-        if not options:
-            return
-        clearance = self.reach.clearance
-        others = [h for s, h in enumerate(node.holds) if s != slot]
-        q = np.stack([c.at(t)[0] for c in options])
-        centres = clearance.centres(held.finger, q)
-        clear = np.ones(len(options), dtype=bool)
-        for h in others:
-            other = clearance.centres(h.finger, h.at(t)[0][None])
-            clear &= clearance.between(held.finger, centres, h.finger, other) >= CLEARANCE
-        options = [c for c, fine in zip(options, clear, strict=True) if fine]
+            earlier = self._earlier(node, slot, t, held)
+            for c in earlier:
+                if self._clear_of(node, slot, t, self.reach.centres(c)[t - c.birth][None])[0]:
+                    options.append(c)
         if not options:
             return
         p, n, J, mask, p_WCom = (np.repeat(x, len(options), axis=0) for x in self._arrays(node.holds, np.array([t])))
@@ -258,13 +255,23 @@ class Search:
         value = np.array([max(0, goal - c.end) / max(self._stroke[slot] - 1, 1) for c in options]) + stuck
         value[~holds] = np.inf
         known = self._ancestors(node) if self.reach.symmetric else set()
-        for j in np.argsort(value, kind="stable")[: CHILDREN + 2]:
+        for j in np.argsort(value, kind="stable")[:CHILDREN]:
             if not np.isfinite(value[j]):
                 break
             new = tuple(options[j] if s == slot else h for s, h in enumerate(node.holds))
             child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot)
             closes = child.signature in known
             yield child, float(stuck[j]) - (1e3 if closes else 0.0)
+
+    def _clear_of(self, node: Node, slot: int, t: int, centres: np.ndarray) -> np.ndarray:
+        """Whether a finger with sphere centres (N, any, 3) is clear (N,) of all others at a tick."""
+        clear = np.ones(len(centres), dtype=bool)
+        for s, h in enumerate(node.holds):
+            if s != slot:
+                other = self.reach.centres(h)[t - h.birth][None]
+                gap = self.reach.clearance.between(node.holds[slot].finger, centres, h.finger, other)
+                clear &= gap >= CLEARANCE
+        return clear
 
     def _earlier(self, node: Node, slot: int, t: int, held: Hold) -> list[Hold]:
         """The finger's configurations at earlier nodes, so that a gait can close."""
@@ -291,8 +298,10 @@ class Search:
         """Way of the moved finger from its old contact to its new one, all else at rest."""
         assert node.parent is not None
         old, new, t = node.parent.holds[node.slot], node.holds[node.slot], node.tick
-        q = self.posture(node.parent.holds, t)
-        around = Surroundings.of(self.reach.clearance, q, self.reach.path.X_WO[t], old.finger)
+        others = tuple((h.finger, self.reach.centres(h)[t - h.birth][None]) for h in node.holds if h is not new)
+        around = Surroundings(
+            clearance=self.reach.clearance, X_WO=self.reach.path.X_WO[t], others=others + self.reach.parked
+        )
         qa, _, na = old.at(t)
         qb, _, nb = new.at(t)
         ends = []

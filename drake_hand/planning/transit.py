@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from drake_hand.contact.chain import solve_least_squares
 from drake_hand.planning.collision import CLEARANCE, Clearance
 
 MOVING = CLEARANCE / 2
@@ -63,16 +64,15 @@ def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float)
     Returns:
         (N, KNOTS, m) ways, and whether each is clear (N,).
     """
-    kin = s.clearance.kinematics[i]
-    p, _ = kin.fk(q)
-    ways, able = [q], np.ones(len(q), dtype=bool)
-    for h in np.linspace(0, height, KNOTS)[1:]:
-        knot, residual = kin.ik(p + h * n_W, ways[-1])
-        able &= (residual < 2e-5) & (np.abs(knot - ways[-1]).max(axis=1) < _JUMP)
-        ways.append(knot)
-    way = np.stack(ways, axis=1)
+    kin, (N, m) = s.clearance.kinematics[i], q.shape
+    p, _, J, _ = kin.jacobian(q)
+    heights = np.linspace(0, height, KNOTS)[1:, None]
+    guess = q[:, None] + heights * solve_least_squares(J, n_W, damping=1e-3)[:, None]
+    up, residual = kin.ik((p[:, None] + heights * n_W[:, None]).reshape(-1, 3), guess.reshape(-1, m))
+    way = np.concatenate([q[:, None], up.reshape(N, -1, m)], axis=1)
+    able = (residual.reshape(N, -1) < 2e-5).all(axis=1) & (np.abs(np.diff(way, axis=1)) < _JUMP).all(axis=(1, 2))
     rows = np.flatnonzero(able)
-    along = s.clear(i, way[rows].reshape(-1, way.shape[2]), tip=False).reshape(len(rows), KNOTS)
+    along = s.clear(i, way[rows].reshape(-1, m), tip=False).reshape(len(rows), KNOTS)
     able[rows] = (along >= MOVING).all(axis=1)
     rows = np.flatnonzero(able)
     able[rows] = s.clear(i, way[rows, -1], tip=True) >= CLEARANCE
