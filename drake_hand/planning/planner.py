@@ -33,10 +33,9 @@ PRELOAD = 0.1
 QUICK = (28, 14)
 """Strokes looked at when start poses are rated, ticks."""
 ENDURING = 3
+"""Fingers that last to the end of the path make a grasp by themselves if they are as many."""
 TRIED = 5
 """Start poses, best first, that are planned from."""
-RATING_SHARE = 0.5
-"""Of the time limit, for rating start poses."""
 ENOUGH = 0.3
 """Margin over that with which a gait's longer stroke counts for more, N."""
 GRASPS = 4
@@ -376,14 +375,13 @@ def _find_start(planner: Planner) -> Path:
     """Plans from the start poses that are rated best, one after the other."""
     task, rng = planner.task, np.random.default_rng(planner.task.options.seed)
     rated: list[tuple[float, Pose]] = []
-    until = planner.started + RATING_SHARE * task.options.time_limit_s
     with planner.stage("start"):
         for k, X in enumerate(start.poses(task, planner.clearance, rng)):
             where = as_pose(X)
             rated.append((planner.rate(pose(where)), where))
             fraction = (k + 1) / start.RATED
             planner.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - planner.started))
-            if time.monotonic() > until:
+            if time.monotonic() > planner.deadline:
                 break
     failures: list[NoPlanFound] = []
     for value, where in sorted(rated, key=lambda r: -r[0])[:TRIED]:

@@ -13,7 +13,7 @@ from drake_hand.planning.task import Task
 
 DRAWN = 1500
 """Poses drawn before the first, coarse choice."""
-RATED = 40
+RATED = 12
 """Poses rated with reach tables."""
 _HALF_BREADTH = 0.05
 """Of the part of a long object that lies across the fingers, m."""
