@@ -18,7 +18,7 @@ import numpy as np
 from drake_hand import __version__
 from drake_hand.epos import discovery
 from drake_hand.epos.configure import configure, release
-from drake_hand.epos.drives import Drives
+from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.player import Player
@@ -117,7 +117,7 @@ def execute(
         progress(Progress(stage="looking for drives"))
         schedule = check(master, plan, drives)
         progress(Progress(stage="configuring"))
-        watching: list[str] = []
+        off = list(drives.drives)
         try:
             problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
             problems += [
@@ -125,11 +125,11 @@ def execute(
             ]
             if problems:
                 raise Refused(problems, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
-            run = _play(master, plan, schedule, str(bus.channel_info), progress)
-            watching = run.record.header.not_disabled
+            off.clear()  # until they are read back
+            run = _play(master, plan, schedule, str(bus.channel_info), progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
-            release(master, [d for d in drives.drives if d.joint not in watching])
+            release(master, off)
     if log:
         run.record.save(log)
     return run
@@ -170,7 +170,15 @@ def _operational(master: Master, drives: Drives) -> list[str]:
     return quiet()
 
 
-def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progress: Callable[[Progress], None]) -> Run:
+def _play(
+    master: Master,
+    plan: Plan,
+    schedule: Schedule,
+    bus_name: str,
+    progress: Callable[[Progress], None],
+    off: list[Drive],
+) -> Run:
+    """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
     drives = schedule.drives
     player = Player(schedule, master.send)
     started = datetime.now(UTC).isoformat(timespec="seconds")
@@ -184,6 +192,7 @@ def _play(master: Master, plan: Plan, schedule: Schedule, bus_name: str, progres
             player.request_stop("internal", f"{type(e).__name__}: {e}")
             player.done.wait(STOP_WITHIN_S)
         not_disabled = discovery.disable_all(master, drives.drives)
+        off += [d for d in drives.drives if d.joint not in not_disabled]
         faults = [f if f.joint in not_disabled else _with_history(master, f) for f in player.faults]
         master.detach()
     if failure and not_disabled:

@@ -46,7 +46,7 @@ def explained(answer: dict, types: list[str], period: float) -> None:
 @pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
 def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, patiently, tmp_path):
     drives = drives_20ms(types)
-    plan = swing(drives.joints, 1.0)
+    plan = swing(drives.joints, 0.6, amplitude_deg=12)
     file = tmp_path / "x.run.npz"
     seen, ends = [], []
 
@@ -69,13 +69,13 @@ def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, patiently,
     record = RunRecord.load(file)
     assert record.header == run.record.header
     assert record.header.plan_hash == plan.hash
-    assert record.plan_time[record.playing][-1] == pytest.approx(1.0, abs=0.021)
+    assert record.plan_time[record.playing][-1] == pytest.approx(0.6, abs=0.021)
     assert {p.stage for p in seen} >= {"looking for drives", "configuring", "playing"}
     assert msgspec.json.encode(answer)
 
 
 def test_fifteen_drives_in_another_process(tmp_path, patiently):
-    plan = swing(KANGUERA.joints, 1.0)
+    plan = swing(KANGUERA.joints, 0.6, amplitude_deg=12)
     timeline = tmp_path / "timeline.jsonl"
 
     def play():
@@ -282,6 +282,23 @@ def test_a_master_that_is_killed_leaves_drives_that_stop_by_themselves(tmp_path)
     at_rest = np.array([r.position for r in rows if r.t > killed + limit + 0.1])
     assert len(at_rest) > 10
     assert np.ptp(at_rest, axis=0).max() < 1.0
+
+
+def test_drives_that_are_not_read_back_go_on_watching_the_master(virtual, monkeypatch):
+    """Also when the run ends by an exception."""
+    drives = drives_20ms("epos2")
+    monkeypatch.setattr(executor.discovery, "disable_all", lambda master, all_: ["little_pip"])
+
+    def fail(progress):
+        if progress.stage == "playing":
+            raise RuntimeError("on purpose")
+
+    with virtual(drives) as (bus, sim):
+        with pytest.raises(DriveError, match="not read back as disabled: little_pip") as e:
+            execute(swing(drives.joints, 1.0), drives, bus, progress=fail)
+        assert isinstance(e.value.__cause__, RuntimeError)
+        watching = [s.drive.joint for s in sim._simulated if s.dictionary[od.CONSUMER_HEARTBEAT]]
+    assert watching == ["little_pip"]
 
 
 def test_an_interface_that_hangs_is_given_up_and_every_drive_is_named(virtual, monkeypatch):
