@@ -21,7 +21,7 @@ class Holding(Protocol):
         Args:
             p_WP: (N, n, 3) contact points, one per finger of the hand, m.
             n_W: (N, n, 3) outward normals.
-            J_WP: (N, n, 3, m) Jacobians of the tips' contact points, m/rad (zero columns where a finger has fewer joints).
+            J_WP: (N, n, 3, m) Jacobians of the tips' contact points, m/rad (zero columns for joints a finger lacks).
             mask: (N, n) which fingers are in contact.
             p_WCom: (N, 3) the object's mass centre, m.
 
@@ -40,10 +40,10 @@ class Kinematic:
     def margins(
         self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
     ) -> np.ndarray:
-        """Contacts beyond the least number, plus up to one half for how well their normals oppose each other."""
+        """From 0 to one half by how well the normals oppose one another, if the contacts are enough."""
         count = mask.sum(axis=1)
         net = np.linalg.norm((n_W * mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
-        return count - self.min_contacts + 0.5 * (1 - net)
+        return np.where(count >= self.min_contacts, 0.5 * (1 - net), count - self.min_contacts)
 
 
 class Equilibrium:

@@ -69,8 +69,8 @@ def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float)
     heights = np.linspace(0, height, KNOTS)[1:, None]
     guess = q[:, None] + heights * solve_least_squares(J, n_W, damping=1e-3)[:, None]
     up, residual = kin.ik((p[:, None] + heights * n_W[:, None]).reshape(-1, 3), guess.reshape(-1, m))
-    way = np.concatenate([q[:, None], up.reshape(N, -1, m)], axis=1)
-    able = (residual.reshape(N, -1) < 2e-5).all(axis=1) & (np.abs(np.diff(way, axis=1)) < _JUMP).all(axis=(1, 2))
+    way = np.concatenate([q[:, None], up.reshape(N, KNOTS - 1, m)], axis=1)
+    able = (residual.reshape(N, KNOTS - 1) < 2e-5).all(axis=1) & (np.abs(np.diff(way, axis=1)) < _JUMP).all(axis=(1, 2))
     rows = np.flatnonzero(able)
     along = s.clear(i, way[rows].reshape(-1, m), tip=False).reshape(len(rows), KNOTS)
     able[rows] = (along >= MOVING).all(axis=1)
