@@ -46,7 +46,7 @@ def explained(answer: dict, types: list[str], period: float) -> None:
 @pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
 def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, patiently, tmp_path):
     drives = drives_20ms(types)
-    plan = swing(drives.joints, 0.6, amplitude_deg=12)
+    plan = swing(drives.joints, 0.6)
     file = tmp_path / "x.run.npz"
     seen, ends = [], []
 
@@ -75,7 +75,7 @@ def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, patiently,
 
 
 def test_fifteen_drives_in_another_process(tmp_path, patiently):
-    plan = swing(KANGUERA.joints, 0.6, amplitude_deg=12)
+    plan = swing(KANGUERA.joints, 0.6)
     timeline = tmp_path / "timeline.jsonl"
 
     def play():
