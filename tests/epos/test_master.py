@@ -16,7 +16,7 @@ DRIVES = drives_of("mix")
 
 @pytest.fixture(scope="module")
 def shared():
-    from conftest import _virtual
+    from tests.epos.conftest import _virtual
 
     with _virtual(DRIVES) as (bus, sim), Master(bus, heartbeat_s=0.1) as master:
         yield master, sim
