@@ -1,0 +1,37 @@
+"""The demo goes the whole way, and stops where an answer is no."""
+
+import pytest
+
+from drake_hand import cli
+from drake_hand.cli import drives, plans
+
+STEPS = [(plans, "plan"), (plans, "check"), (plans, "simulate"), (drives, "execute"), (plans, "plot"), (plans, "plot")]
+
+
+@pytest.fixture
+def called(monkeypatch):
+    """Names of the steps taken; none of them does anything."""
+    taken: list[str] = []
+    for module, name in STEPS:
+        monkeypatch.setattr(module, name, lambda *_, name=name, **__: taken.append(name))
+    return taken
+
+
+def test_goes_the_whole_way(called, tmp_path, capsys):
+    assert cli.run(["demo", "-o", str(tmp_path)]) == 0
+    assert called == [name for _, name in STEPS]
+    assert str(tmp_path / "spin.html") in capsys.readouterr().out
+
+
+def test_stops_where_the_answer_is_no(called, tmp_path, monkeypatch):
+    monkeypatch.setattr(plans, "simulate", lambda *_, **__: 1)
+    assert cli.run(["demo", "-o", str(tmp_path)]) == 1
+    assert called == ["plan", "check"]
+
+
+@pytest.mark.slow
+def test_leaves_everything_there_is_to_see(tmp_path):
+    assert cli.run(["demo", "-o", str(tmp_path)]) == 0
+    left = {str(f.relative_to(tmp_path)) for f in tmp_path.rglob("*") if f.is_file()}
+    assert left >= {"spin.plan.json", "spin.html", "spin-physics.html", "spin.run.npz"}
+    assert left >= {"figures/modes.png", "figures/forces.png", "figures/run/tracking.png"}
