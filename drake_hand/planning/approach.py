@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from drake_hand.errors import NoPlanFound
 from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import Hold
@@ -20,13 +20,21 @@ _BATCH = 64
 """Postures tried at once."""
 
 
-def park(clearance: Clearance, path: ObjectPath, parked: list[int]) -> np.ndarray:
-    """A posture of the whole hand that is clear of the object: home, or as near to it as can be.
+def park(
+    clearance: Clearance,
+    path: ObjectPath,
+    parked: Collection[int],
+    rest: np.ndarray | None = None,
+    touching: Collection[int] = (),
+) -> np.ndarray:
+    """A posture of the whole hand that is clear of the object: where it would rest, or as near to that as can be.
 
     Args:
         clearance: of the scene.
         path: of the object; fingers in `parked` keep clear of all of it, the others of its start.
         parked: indices of fingers that take no part.
+        rest: (nq,) where it would rest, rad; home if not given.
+        touching: indices of fingers that stay there in any case.
 
     Returns:
         (nq,) rad.
@@ -35,9 +43,10 @@ def park(clearance: Clearance, path: ObjectPath, parked: list[int]) -> np.ndarra
         NoPlanFound: a finger finds no clear posture.
     """
     hand = clearance.hand
-    q = hand.q_home.copy()
+    rest = hand.q_home if rest is None else rest
+    q = rest.copy()
     some = path.X_WO[np.unique(np.linspace(0, path.ticks, _POSES).astype(int))]
-    placed: list[tuple[int, np.ndarray]] = []
+    placed = [(i, clearance.centres(i, rest[None, hand.fingers[i].columns])) for i in touching]
 
     def clear(i: int, postures: np.ndarray) -> np.ndarray:
         centres = clearance.centres(i, postures)
@@ -49,26 +58,26 @@ def park(clearance: Clearance, path: ObjectPath, parked: list[int]) -> np.ndarra
         return np.flatnonzero(least >= CLEARANCE)
 
     for i, finger in enumerate(hand.fingers):
-        home = hand.q_home[finger.columns]
-        for postures in _near(clearance, i, home):
+        if i in touching:
+            continue
+        for postures in _near(clearance, i, rest[finger.columns]):
             fine = clear(i, postures)
             if len(fine):
                 q[finger.columns] = postures[fine[0]]
                 placed.append((i, clearance.centres(i, postures[fine[:1]])))
                 break
         else:
-            raise NoPlanFound(
-                f"finger {finger.name} has no posture clear of the object and the other fingers while it waits",
-                evidence={"finger": finger.name, "constraint": "collision", "X_WO": path.X_WO[0].tolist()},
-            )
+            what = f"finger {finger.name} has no posture clear of the object and the other fingers while it waits"
+            mode = code(hand, ())
+            raise no_plan(what, mode=mode, finger=finger.name, constraint="collision", X_WO=path.X_WO[0])
     return q
 
 
-def _near(clearance: Clearance, i: int, home: np.ndarray) -> Iterator[np.ndarray]:
-    """Home, then batches of postures (n, m) ever farther from it."""
-    yield home[None]
+def _near(clearance: Clearance, i: int, rest: np.ndarray) -> Iterator[np.ndarray]:
+    """The posture (m,) itself, then batches of postures (n, m) ever farther from it."""
+    yield rest[None]
     grid = clearance.postures(i).q
-    grid = grid[np.argsort(np.abs(grid - home).max(axis=1), kind="stable")]
+    grid = grid[np.argsort(np.abs(grid - rest).max(axis=1), kind="stable")]
     for start in range(0, len(grid), _BATCH):
         yield grid[start : start + _BATCH]
 
@@ -83,7 +92,7 @@ def close(builder: LegBuilder, clearance: Clearance, holds: list[Hold]) -> bool:
     contacts = {h.finger: (h.at(h.birth)[0], h.at(h.birth)[2]) for h in holds}
     for up in _lifts(clearance, builder.q, contacts, X):
         down = {i: way[::-1] for i, way in up.items()}
-        legs = _ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
+        legs = ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:
             for pieces in [*legs, down]:
                 builder.move(pieces)
@@ -105,7 +114,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
         lifted = builder.q.copy()
         for i, way in up.items():
             lifted[fingers[i].columns] = way[-1]
-        legs = _ways(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
+        legs = ways(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
         if legs is not None:
             for i in n_W:
                 builder.break_(i)
@@ -115,23 +124,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
     return False
 
 
-def _lifts(
-    clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
-) -> Iterator[dict[int, np.ndarray]]:
-    """Ways (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
-    around = Surroundings(clearance=clearance, X_WO=X_WO)
-    for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
-        up = {}
-        for i, (at, n_W) in contacts.items():
-            way, able = lift(around, i, at[None], n_W[None], height)
-            if not able[0]:
-                break
-            up[i] = way[0]
-        if len(up) == len(contacts) and _together(clearance, q, up, X_WO, tip=False):
-            yield up
-
-
-def _ways(
+def ways(
     clearance: Clearance, q: np.ndarray, goals: dict[int, np.ndarray], X_WO: np.ndarray
 ) -> list[dict[int, np.ndarray]] | None:
     """Ways of several free fingers from q (nq,) to their goals (m,).
@@ -144,9 +137,9 @@ def _ways(
         return []
     n = max(3, *(int(np.ceil(np.abs(goals[i] - q[columns[i]]).max() / STEP)) + 1 for i in order))
     u = np.linspace(0, 1, n)[:, None]
-    ways = {i: q[columns[i]] + u * (goals[i] - q[columns[i]]) for i in order}
-    if _together(clearance, q, ways, X_WO, tip=True):
-        return [ways]
+    at_once = {i: q[columns[i]] + u * (goals[i] - q[columns[i]]) for i in order}
+    if _together(clearance, q, at_once, X_WO, tip=True):
+        return [at_once]
     for _ in range(2 * len(order)):
         now, legs, stuck = q.copy(), [], None
         for i in order:
@@ -163,6 +156,22 @@ def _ways(
         order.remove(stuck)
         order.insert(0, stuck)
     return None
+
+
+def _lifts(
+    clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
+) -> Iterator[dict[int, np.ndarray]]:
+    """Ways (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
+    around = Surroundings(clearance=clearance, X_WO=X_WO)
+    for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
+        up = {}
+        for i, (at, n_W) in contacts.items():
+            way, able = lift(around, i, at[None], n_W[None], height)
+            if not able[0]:
+                break
+            up[i] = way[0]
+        if len(up) == len(contacts) and _together(clearance, q, up, X_WO, tip=False):
+            yield up
 
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:

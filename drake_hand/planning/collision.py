@@ -98,6 +98,9 @@ class Clearance:
         self.kinematics = [FingerKinematics.of(hand, f, margin=LIMIT_MARGIN) for f in hand.fingers]
         self._object = _Solid(self.surface)
         self._spheres = [_cover(scene, f) for f in hand.fingers]
+        bodies = scene.plant.GetBodiesWeldedTo(scene.plant.world_body())
+        self.still = frozenset(body.name() for body in bodies)
+        """Names of the bodies that stand still in W."""
         self._palm = [_still(scene, s) for s in self._spheres]
         self._postures: dict[int, Postures] = {}
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
+from drake_hand.model.hand import Hand
+from drake_hand.planning.failure import code
 from drake_hand.planning.path import Leg
 from drake_hand.planning.reach import Hold
 from drake_hand.planning.search import Node, Search
@@ -12,39 +16,63 @@ from drake_hand.planning.search import Node, Search
 class LegBuilder:
     """Strings legs together; knows the hand's posture, the object's pose and who touches."""
 
-    def __init__(self, hand, q: np.ndarray, X_WO: np.ndarray) -> None:
+    def __init__(self, hand: Hand, q: np.ndarray, X_WO: np.ndarray) -> None:
         self.hand, self.q, self.X_WO = hand, q, X_WO
         self.touching: dict[int, np.ndarray] = {}
         """Contact points in O (3,) by finger index."""
+        self.sliding: set[int] = set()
+        """Those of them that slide."""
         self.legs: list[Leg] = []
         self._events: list[str] = []
 
+    def copy(self) -> LegBuilder:
+        """One that goes on from here without changing this one."""
+        other = copy(self)
+        other.touching, other.sliding = dict(self.touching), set(self.sliding)
+        other.legs, other._events = list(self.legs), list(self._events)
+        return other
+
     @property
     def mode(self) -> str:
-        """The mode code of who touches now (rolling)."""
-        return "".join("1" if i in self.touching else "0" for i in range(len(self.hand.fingers)))
+        """The mode code of who touches now."""
+        return code(self.hand, self.touching, self.sliding)
 
     def make(self, finger: int, p_OP: np.ndarray) -> None:
         """A finger makes contact; takes no time."""
         self.touching[finger] = p_OP
-        self._events.append(f"make {self.hand.fingers[finger].name}")
+        self._event("make", finger)
 
     def break_(self, finger: int) -> None:
         """A finger breaks contact; takes no time."""
         del self.touching[finger]
-        self._events.append(f"break {self.hand.fingers[finger].name}")
+        self._event("break", finger)
+
+    def slip(self, finger: int) -> None:
+        """A finger begins to slide; takes no time."""
+        self.sliding.add(finger)
+        self._event("slip", finger)
+
+    def stick(self, finger: int) -> None:
+        """A finger stops sliding; takes no time."""
+        self.sliding.remove(finger)
+        self._event("stick", finger)
 
     def dwell(self) -> None:
         """Everything at rest in this mode: where forces are handed over."""
         self._add(np.repeat(self.q[None], 2, axis=0), np.repeat(self.X_WO[None], 2, axis=0), {})
 
-    def move(self, pieces: dict[int, np.ndarray]) -> None:
-        """Free fingers move at once, each along (n, m) knots of its own; all with the same n."""
-        n = len(next(iter(pieces.values())))
+    def move(self, ways: dict[int, np.ndarray], points: dict[int, np.ndarray] | None = None) -> None:
+        """Fingers move at once, the object at rest, each along (n, m) knots of its own; all with the same n.
+
+        Args:
+            ways: joints by finger index.
+            points: contact points in O (n, 3) of those that slide.
+        """
+        n = len(next(iter(ways.values())))
         q = np.repeat(self.q[None], n, axis=0)
-        for finger, way in pieces.items():
+        for finger, way in ways.items():
             q[:, self.hand.fingers[finger].columns] = way
-        self._add(q, np.repeat(self.X_WO[None], n, axis=0), {})
+        self._add(q, np.repeat(self.X_WO[None], n, axis=0), points or {})
 
     def carry(self, holds: tuple[Hold, ...], X_WO: np.ndarray, first: int, last: int) -> None:
         """The object moves from tick `first` to `last` of a path X_WO (K, 4, 4), held by `holds`."""
@@ -57,6 +85,9 @@ class LegBuilder:
             q[:, self.hand.fingers[h.finger].columns] = h.q[a]
             points[h.finger] = np.einsum("kji,kj->ki", X[:, :3, :3], h.p_WP[a] - X[:, :3, 3])
         self._add(q, X, points)
+
+    def _event(self, kind: str, finger: int) -> None:
+        self._events.append(f"{kind} {self.hand.fingers[finger].name}")
 
     def _add(self, q: np.ndarray, X_WO: np.ndarray, points: dict[int, np.ndarray]) -> None:
         p_OP = {}

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from drake_hand.contact.chain import FingerKinematics
-from drake_hand.errors import InputError, NoPlanFound
+from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning import approach, gait, grasp, start
+from drake_hand.modes.code import Mode
+from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.collision import Clearance
+from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.legs import LegBuilder
@@ -26,7 +27,7 @@ from drake_hand.planning.object_path import ObjectPath, as_pose, build, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.search import Node, Progress, Search
-from drake_hand.planning.task import Pose, Step, Task
+from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
@@ -40,8 +41,10 @@ ENOUGH = 0.3
 """Margin over that with which a gait's longer stroke counts for more, N."""
 GRASPS = 4
 """Grasps that can be approached, handed to one search."""
-TOUCH = 1e-4
-"""A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
+SETS = 2
+"""Sets of fingers tried of each size, where the task names none ..."""
+PATIENCE = 150
+"""... and nodes expanded for each but the last."""
 USABLE = 8
 """A finger takes part by itself if it can hold some contact for this many ticks."""
 
@@ -78,19 +81,26 @@ class Planner:
 
     def run(self, X_WO: np.ndarray) -> Path:
         """Plans all steps from a start pose X_WO (4, 4)."""
-        steps = list(self.task.motion)
+        todo, model = list(self.task.motion), self.task.options.model
         builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
-        self._start_inside(builder)
-        i = 0
-        while i < len(steps):
-            kind = steps[i].kind
-            if kind == "release":
-                self._release(builder)
-                i += 1
-                continue
-            moving = _moving(steps[i + 1 :] if kind == "grasp" else steps[i:])
-            self._phase(builder, steps[i] if kind == "grasp" else None, build(builder.X_WO, moving))
-            i += len(moving) + (kind == "grasp")
+        if isinstance(self.task.start, Pose) and self.task.start.joints_deg:
+            steps.start_inside(builder, self.clearance, self.task.start.joints_deg, model)
+        while todo:
+            step = todo.pop(0)
+            if step.release:
+                steps.release(builder, self.clearance)
+            elif step.slide:
+                finger, s = self.hand.finger(step.slide.finger).index, np.array(step.slide.by_mm) * 1e-3
+                steps.slide(builder, self.clearance, self._holding(), model, finger, s)
+            elif step.push:
+                path = build(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
+                self._check_palm(path)
+                steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
+            else:
+                moving = _moving(todo if step.grasp else [step, *todo])
+                todo = todo[len(moving) - (step.grasp is None) :]
+                path = build(builder.X_WO, moving)
+                builder = self._grasp(builder, step.grasp, path) if step.grasp else self._carry(builder, path)
         legs = builder.legs
         holding = self._holding()
         if isinstance(holding, Equilibrium):
@@ -105,7 +115,7 @@ class Planner:
         )
 
     def rate(self, X_WO: np.ndarray) -> float:
-        """How promising a start pose is: the margin of the best gait or grasp found with little effort, -inf if none."""
+        """How promising a start pose is: the margin of the best gait or grasp found with little effort, else -inf."""
         step = self.task.motion[0]
         assert step.grasp is not None, "validated: start: auto begins with a grasp"
         path = build(X_WO, _moving(list(self.task.motion[1:])))
@@ -121,11 +131,11 @@ class Planner:
             builder = LegBuilder(self.hand, q_parked, X_WO)
             able = (g for g in found if approach.close(builder, self.clearance, list(g.holds)))
             return next((g.margin for g in able), -np.inf)
-        search, builder = self._search(table, q_parked), LegBuilder(self.hand, q_parked, X_WO)
+        search, builder = self._search(table, None), LegBuilder(self.hand, q_parked, X_WO)
         roots = [holds for _, holds in grasp.select(table, fingers, holding, rng)]
         best = sorted(((search.reaches(holds), k) for k, holds in enumerate(roots)), reverse=True)[:3]
-        able = (reached for reached, k in best if approach.close(builder, self.clearance, roots[k]))
-        return next((reached / max(path.ticks, 1) for reached in able), -np.inf)
+        carried = (reached for reached, k in best if approach.close(builder, self.clearance, roots[k]))
+        return next((reached / max(path.ticks, 1) for reached in carried), -np.inf)
 
     def _periodic(self, table: ReachTable) -> bool:
         """Whether the path turns a symmetric object far enough for a periodic gait."""
@@ -135,48 +145,91 @@ class Planner:
         """The fingers that take part (all that can, unless named), the posture beside them, and their reach table."""
         fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
         parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
+        self._check_palm(path)
         q_parked = approach.park(self.clearance, path, parked)
-        self._check_palm(path, q_parked)
-        posture = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
-        table = ReachTable(self.clearance, path, self.task.options.model, posture)
+        table = self._table(path, q_parked, parked)
         if named is None:
             # Fingers that can hold on to the end spare regrasps; three of them make a grasp.
             for length in (path.ticks, min(USABLE, path.ticks)):
-                able = [i for i in fingers if len(h := table.holds(i, 0)) and len(h[0].q) > length]
+                able = [i for i in fingers if table.longest(i) > length]
                 if len(able) >= ENDURING:
                     break
             if len(able) < len(fingers) and able:
                 return self._reach(path, [self.hand.fingers[i].name for i in able])
         return fingers, q_parked, table
 
-    def _phase(self, builder: LegBuilder, step: Step | None, path: ObjectPath) -> None:
+    def _table(self, path: ObjectPath, q_parked: np.ndarray, parked: list[int]) -> ReachTable:
+        postures = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
+        return ReachTable(self.clearance, path, self.task.options.model, postures)
+
+    def _grasp(self, builder: LegBuilder, wanted: Grasp, path: ObjectPath) -> LegBuilder:
+        """Grasps the object and moves it along the path; tries sets of fingers in turn where none are named."""
+        failures: list[NoPlanFound] = []
+        sets = [wanted.fingers] if wanted.fingers else self._sets(path)
+        for last, names in zip([*[False] * (len(sets) - 1), True], sets, strict=True):
+            try:
+                return self._grasp_with(builder, names, path, None if last else PATIENCE)
+            except NoPlanFound as e:
+                failures.append(e)
+                if time.monotonic() > self.deadline:
+                    break
+        raise max(failures, key=lambda e: e.evidence.get("progress", -1.0))
+
+    def _sets(self, path: ObjectPath) -> list[list[str]]:
+        """Sets of fingers worth trying: without forces as few as let one be lifted first, else as many as can."""
         with self.stage("reach"):
-            if step is not None and step.grasp is not None:
-                fingers, q_parked, table = self._reach(path, step.grasp.fingers)
-                builder.q = q_parked.copy()
-            else:
-                touching = [self.hand.fingers[i].name for i in sorted(builder.touching)]
-                fingers, q_parked, table = self._reach(path, touching)
-        search = self._search(table, builder.q if step is None else q_parked)
+            able, _, table = self._reach(path, None)
+        least = min(len(able), max(self.task.options.min_contacts + 1, 2))
+        few_first = self.task.options.hold == "kinematic"
+        sets: list[tuple[int, ...]] = []
+        for size in sorted(range(least, len(able) + 1), reverse=not few_first):
+            allowed = (s for s in itertools.combinations(able, size) if self._allowed(frozenset(s)))
+            sets += sorted(allowed, key=lambda s: -sum(table.longest(i) for i in s))[:SETS]
+        return [[self.hand.fingers[i].name for i in s] for s in sets or [tuple(able)]]
+
+    def _grasp_with(self, start: LegBuilder, names: list[str], path: ObjectPath, patience: int | None) -> LegBuilder:
+        builder = start.copy()
+        with self.stage("reach"):
+            fingers, q_parked, table = self._reach(path, names)
+            steps.settle(builder, self.clearance, q_parked)
+        search = self._search(table, patience)
         try:
-            nodes = self._gait(builder, search, fingers, path) if step is not None else None
+            nodes = self._gait(builder, search, fingers, path)
             if nodes is None:
                 with self.stage("grasp"):
-                    if step is None:
-                        roots = [self._continued(builder, table, fingers)]
-                    else:
-                        roots = self._grasps(builder, search, fingers)
+                    roots = self._grasps(builder, search, fingers)
                 with self.stage("search"):
-                    nodes = search.run(roots)[0]
+                    nodes = search.run(roots)
         finally:
             self.expansions += search.expansions
-        self.regrasps += len(nodes) - 1
         with self.stage("legs"):
-            if step is not None:
-                closed = approach.close(builder, self.clearance, list(nodes[0].holds))
-                assert closed, "grasps handed to the search can be approached"
-                builder.dwell()
-            gait_legs(builder, search, nodes)
+            closed = approach.close(builder, self.clearance, list(nodes[0].holds))
+            assert closed, "grasps handed to the search can be approached"
+            builder.dwell()
+            self._append(builder, search, nodes)
+        return builder
+
+    def _carry(self, builder: LegBuilder, path: ObjectPath) -> LegBuilder:
+        """Moves the object along the path with the fingers that touch it now."""
+        with self.stage("reach"):
+            self._check_palm(path)
+            free = [i for i in range(len(self.hand.fingers)) if i not in builder.touching]
+            q_parked = approach.park(self.clearance, path, free, builder.q, builder.touching)
+            steps.settle(builder, self.clearance, q_parked)
+            search = self._search(self._table(path, builder.q, free), None)
+            holds = steps.current_holds(builder, search.reach)
+        with self.stage("search"):
+            try:
+                nodes = search.run([holds])
+            finally:
+                self.expansions += search.expansions
+        with self.stage("legs"):
+            self._append(builder, search, nodes)
+        return builder
+
+    def _append(self, builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
+        gait_legs(builder, search, nodes)
+        self.regrasps += len(nodes) - 1
 
     def _gait(self, builder: LegBuilder, search: Search, fingers: list[int], path: ObjectPath) -> list[Node] | None:
         """A periodic gait, where the path turns a symmetric object far enough for one."""
@@ -186,20 +239,19 @@ class Planner:
             rng = np.random.default_rng(self.task.options.seed)
             found = gait.find(search.reach, fingers, search.holding, self._allowed, rng, enough=ENOUGH)
             for candidate in found:
-                scratch = LegBuilder(self.hand, builder.q, builder.X_WO)
-                if approach.close(scratch, self.clearance, list(candidate.holds)):
+                if approach.close(builder.copy(), self.clearance, list(candidate.holds)):
                     nodes = search.periodic(candidate, path.ticks)
                     if nodes is not None:
                         return nodes
         return None
 
-    def _search(self, table: ReachTable, q_parked: np.ndarray) -> Search:
+    def _search(self, table: ReachTable, patience: int | None) -> Search:
         return Search(
             reach=table,
             holding=self._holding(),
             allowed=self._allowed,
-            q_parked=q_parked,
             deadline=self.deadline,
+            patience=patience,
             progress=self.progress,
         )
 
@@ -217,124 +269,43 @@ class Planner:
 
     def _allowed(self, touching: frozenset[int]) -> bool:
         modes = self.task.options.modes
-        code = "".join("1" if i in touching else "0" for i in range(len(self.hand.fingers)))
-        return modes is None or code in modes
+        return modes is None or code(self.hand, touching) in modes
 
     def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[list[Hold]]:
-        table, rng = search.reach, np.random.default_rng(self.task.options.seed)
-        names = {i: self.hand.fingers[i].name for i in fingers}
-        mode = "".join("1" if i in fingers else "0" for i in range(len(self.hand.fingers)))
-        where = f"object at {np.round(builder.X_WO[:3, 3] * 1e3, 2).tolist()} mm"
+        """Sets of contacts that can be approached, those that carry the object farthest first."""
+        table, rng, X = search.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
+        mode = code(self.hand, fingers)
         for i in fingers:
-            if not table.holds(i, 0):
-                why = table.limits.get((i, 0), {})
-                total = sum(why.values())
-                word = max(why, key=lambda w: why[w]) if why else "out of reach"
-                raise NoPlanFound(
-                    f"no grasp in mode {mode}: finger {names[i]} can make none of {total} contacts ({word}: {why.get(word, 0)}), {where}",
-                    evidence={"mode": mode, "finger": names[i], "constraint": word, "X_WO": builder.X_WO.tolist()},
-                )
+            if not table.longest(i):
+                name, word = self.hand.fingers[i].name, table.most_common_limit(i, 0)
+                counts = table.limits[i, 0]
+                what = f"finger {name} can make none of {sum(counts.values())} contacts ({word}: {counts[word]})"
+                raise no_plan(what, mode=mode, finger=name, constraint=word, X_WO=X)
         if not self._allowed(frozenset(fingers)):
-            raise NoPlanFound(
-                f"grasping with {', '.join(names.values())} needs mode {mode}, which options.modes leaves out, {where}",
-                evidence={"mode": mode, "finger": None, "constraint": "options.modes", "X_WO": builder.X_WO.tolist()},
-            )
-        roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)] if fingers else []
-        able = []
+            raise no_plan("a grasp needs a mode that options.modes leaves out", mode=mode, constraint="modes", X_WO=X)
+        able: list[list[Hold]] = []
+        roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)]
         for holds in sorted(roots, key=search.reaches, reverse=True):
-            scratch = LegBuilder(self.hand, builder.q, builder.X_WO)
-            if approach.close(scratch, self.clearance, holds):
+            if approach.close(builder.copy(), self.clearance, holds):
                 able.append(holds)
                 if len(able) == GRASPS:
-                    break
+                    return able
         if not able:
-            what = "holds the object clear of collisions" if not roots else "can be approached without collision"
-            raise NoPlanFound(
-                f"no grasp in mode {mode}: none of the contact sets tried {what}, {where}",
-                evidence={
-                    "mode": mode,
-                    "finger": None,
-                    "constraint": "hold" if not roots else "approach",
-                    "X_WO": builder.X_WO.tolist(),
-                },
-            )
+            none = "none of the sets of contacts tried"
+            if roots:
+                raise no_plan(f"{none} can be approached without a collision", mode=mode, constraint="approach", X_WO=X)
+            raise no_plan(f"{none} holds the object clear of collisions", mode=mode, constraint="hold", X_WO=X)
         return able
 
-    def _continued(self, builder: LegBuilder, table: ReachTable, fingers: list[int]) -> list[Hold]:
-        holds = []
-        for i in fingers:
-            hold = table.from_contact(i, 0, builder.q[self.hand.fingers[i].columns])
-            if hold is None:
-                raise NoPlanFound(
-                    f"finger {self.hand.fingers[i].name} cannot keep its contact in mode {builder.mode}",
-                    evidence={
-                        "mode": builder.mode,
-                        "finger": self.hand.fingers[i].name,
-                        "constraint": "start",
-                        "X_WO": builder.X_WO.tolist(),
-                    },
-                )
-            holds.append(hold)
-        return holds
-
-    def _start_inside(self, builder: LegBuilder) -> None:
-        """``start`` with ``joints_deg``: contacts are where the fingertips touch."""
-        start = self.task.start
-        if not isinstance(start, Pose) or not start.joints_deg:
-            return
-        q = self.hand.q_home.copy()
-        for name, value in start.joints_deg.items():
-            if name not in self.hand.joints:
-                from drake_hand.errors import nearest
-
-                raise InputError(
-                    f"hand '{self.hand.name}' has no joint '{name}'",
-                    key=f"start.joints_deg.{name}",
-                    found=name,
-                    expected=nearest(name, self.hand.joints),
-                )
-            q[self.hand.joints.index(name)] = np.radians(value)
-        builder.q = q
-        for i, finger in enumerate(self.hand.fingers):
-            kin = FingerKinematics.of(self.hand, finger)
-            p_WC = kin.fk(q[None, finger.columns])[0]
-            p_OC = (p_WC - builder.X_WO[:3, 3]) @ builder.X_WO[:3, :3]
-            foot, _, d = self.clearance.surface.closest(p_OC)
-            if abs(d[0] - finger.radius) < TOUCH:
-                builder.make(i, foot[0])
-
-    def _release(self, builder: LegBuilder) -> None:
-        X = builder.X_WO
-        normals = {}
-        for i in builder.touching:
-            kin = self.clearance.kinematics[i]
-            p_WC = kin.fk(builder.q[None, self.hand.fingers[i].columns])[0]
-            n = self.clearance.surface.closest((p_WC - X[:3, 3]) @ X[:3, :3])[1]
-            normals[i] = X[:3, :3] @ n[0]
-        still = ObjectPath(X_WO=X[None], stops=(0,))
-        builder.dwell()
-        if not approach.open_(builder, self.clearance, normals, approach.park(self.clearance, still, [])):
-            raise NoPlanFound(
-                f"the fingers cannot let go without collision in mode {builder.mode}",
-                evidence={"mode": builder.mode, "finger": None, "constraint": "collision", "X_WO": X.tolist()},
-            )
-
-    def _check_palm(self, path: ObjectPath, q: np.ndarray) -> None:
-        for k in np.unique(np.linspace(0, path.ticks, 25).astype(int)):
-            self.scene.set(q, path.X_WO[k])
-            for a, b, d in self.scene.clearances(0.0):
-                if self.object.link in (a, b):
-                    other = b if a == self.object.link else a
-                    xyz = np.round(path.X_WO[k, :3, 3] * 1e3, 2).tolist()
-                    raise NoPlanFound(
-                        f"in mode {'0' * len(self.hand.fingers)} the object overlaps {other} by {-d * 1e3:.1f} mm (collision), object at {xyz} mm",
-                        evidence={
-                            "mode": "0" * len(self.hand.fingers),
-                            "finger": None,
-                            "constraint": f"collision with {other}",
-                            "X_WO": path.X_WO[k].tolist(),
-                        },
-                    )
+    def _check_palm(self, path: ObjectPath) -> None:
+        """Refuses paths on which the object runs into the palm, whatever the fingers do."""
+        for X in path.X_WO[np.unique(np.linspace(0, path.ticks, 25).astype(int))]:
+            self.scene.set(self.hand.q_home, X)
+            for a, b, depth in self.scene.penetrations():
+                other = b if a == self.object.link else a
+                if self.object.link in (a, b) and other in self.clearance.still:
+                    what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
+                    raise no_plan(what, mode=code(self.hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
 def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Path:
@@ -416,11 +387,5 @@ def _check_names(task: Task, hand: Hand) -> None:
         names = names + [s.finger for s in (step.slide, step.push) if s is not None]
         for name in names:
             hand.finger(name)
-    for code in task.options.modes or []:
-        if len(code) != len(hand.fingers):
-            raise InputError(
-                "mode code has the wrong length",
-                key="options.modes",
-                found=code,
-                expected=f"{len(hand.fingers)} digits",
-            )
+    for i, text in enumerate(task.options.modes or []):
+        Mode.parse(text, [f.name for f in hand.fingers], key=f"options.modes[{i}]")

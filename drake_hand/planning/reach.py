@@ -20,6 +20,10 @@ SPACING, MOST = 5.0e-3, 800
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 
 
+EDGE = 1.0e-3
+"""How far contacts stay from the edges of the surface, m."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hold:
     """A contact of one finger from the tick it is made on; row a of the arrays belongs to tick ``birth + a``."""
@@ -97,6 +101,11 @@ class ReachTable:
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
+    def most_common_limit(self, finger: int, tick: int) -> str:
+        """What most contacts of a finger at a tick fail at, or end with."""
+        counts = self.limits[finger, tick]
+        return max(counts, key=lambda word: counts[word])
+
     def p_WCom(self, ticks: np.ndarray) -> np.ndarray:
         """(N, 3) the object's mass centre at ticks (N,), m."""
         X = self.path.X_WO[ticks]
@@ -113,6 +122,10 @@ class ReachTable:
         """Contacts the finger can make at a tick, the longest-lasting first."""
         table = self.contacts(finger, tick).holds
         return table if self._source(tick) == tick else [replace(h, birth=tick) for h in table]
+
+    def longest(self, finger: int) -> int:
+        """For how many poses the finger can hold its best contact of tick 0; 0 where it has none."""
+        return int(self.contacts(finger, 0).length.max(initial=0))
 
     def centres(self, hold: Hold) -> np.ndarray:
         """(L, any, 3) where the finger's spheres are along a hold."""
@@ -168,6 +181,7 @@ class ReachTable:
             self.path.X_WO[tick:],
             q,
             model=self.model,
+            edge_margin=EDGE,
             blocked=blocked,
         )
 

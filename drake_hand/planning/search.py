@@ -18,6 +18,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.gait import Gait
 from drake_hand.planning.grasp import lifts
 from drake_hand.planning.holding import Holding
@@ -88,28 +89,29 @@ class Search:
     holding: Holding
     allowed: Callable[[frozenset[int]], bool]
     """Whether the mode with these finger indices in contact may be used."""
-    q_parked: np.ndarray
-    """(nq,) posture of the fingers that take no part."""
     deadline: float
+    """When to give up (monotonic clock) ..."""
+    patience: int | None = None
+    """... or after how many expansions."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
     _pairs: dict = field(default_factory=dict)
 
-    def run(self, roots: list[list[Hold]]) -> tuple[list[Node], int]:
+    def run(self, roots: list[list[Hold]]) -> list[Node]:
         """Finds the nodes from a root to the end of the path.
 
         Args:
             roots: grasps at tick 0.
 
         Returns:
-            The nodes in order, and the number of regrasps.
+            The nodes in order, a regrasp from each to the next.
 
         Raises:
             NoPlanFound: nothing left to try (``infeasible``) or out of time (``timeout``).
         """
         goal, started, tie = self.reach.path.ticks, time.monotonic(), itertools.count()
         fingers = [h.finger for h in roots[0]]
-        self._stroke = [max(len(h.q) for r in roots for h in r if h.finger == f) for f in fingers]
+        self._stroke = [max(self.reach.longest(f), 2) for f in fingers]
         heap: list[tuple[float, int, int, Node]] = []
         for holds in roots:
             node = Node(tick=0, holds=tuple(holds))
@@ -126,6 +128,8 @@ class Search:
             closed.add(key)
             if time.monotonic() > self.deadline:
                 raise self._failure("timeout", "out of time", farthest)
+            if self.patience is not None and self.expansions >= self.patience:
+                raise self._failure("timeout", f"gave up after {self.patience} nodes", farthest)
             if node.parent is not None:
                 ways = self._transit(node)
                 if ways is None:
@@ -145,11 +149,11 @@ class Search:
                 )
             )
             if limits.last >= goal:
-                return _chain(node), node.g
+                return _chain(node)
             if self.reach.symmetric:
                 repeated = self._repeat(node, goal)
                 if repeated is not None:
-                    return repeated, len(repeated) - 1
+                    return repeated
             for child, bonus in self._children(node, limits, goal):
                 rank = child.g + WEIGHT * self._to_go(child.holds, goal) + bonus
                 heapq.heappush(heap, (rank, -child.tick, next(tie), child))
@@ -319,13 +323,6 @@ class Search:
                 return (up, *pieces, down[::-1])
         return None
 
-    def posture(self, holds: tuple[Hold, ...], tick: int) -> np.ndarray:
-        """(nq,) joint angles of the whole hand."""
-        q = self.q_parked.copy()
-        for h in holds:
-            q[self.reach.clearance.hand.fingers[h.finger].columns] = h.at(tick)[0]
-        return q
-
     def reaches(self, holds: list[Hold]) -> int:
         """Tick up to which a grasp at tick 0 carries the object without a regrasp."""
         return self._limits(Node(tick=0, holds=tuple(holds)), self.reach.path.ticks).last
@@ -380,29 +377,20 @@ class Search:
         last, node, limits = farthest
         hand, path = self.reach.clearance.hand, self.reach.path
         tick = min(max(last, 0), path.ticks)
-        touching = {h.finger for h in node.holds}
-        mode = "".join("1" if i in touching else "0" for i in range(len(hand.fingers)))
         finger = self._name(node.holds[limits.slot]) if limits.slot is not None else None
-        xyz = np.round(path.X_WO[tick, :3, 3] * 1e3, 2).tolist()
-        part = 100 * tick / max(path.ticks, 1)
         blocked = [self._name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
-        reason = (
-            f"{what} at {part:.0f} % of the motion (object at {xyz} mm): in mode {mode} "
+        return no_plan(
+            f"{what} at {100 * tick / max(path.ticks, 1):.0f} % of the motion: "
             + (f"finger {finger} ends at its {limits.why}" if finger else limits.why)
             + (f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else "")
-            + "; no further regrasp leads on"
-        )
-        return NoPlanFound(
-            reason,
+            + "; no further regrasp leads on",
             status=status,
-            evidence={
-                "mode": mode,
-                "finger": finger,
-                "constraint": limits.why,
-                "progress": tick / max(path.ticks, 1),
-                "X_WO": path.X_WO[tick].tolist(),
-                "expansions": self.expansions,
-            },
+            mode=code(hand, (h.finger for h in node.holds)),
+            finger=finger,
+            constraint=limits.why,
+            X_WO=path.X_WO[tick],
+            progress=tick / max(path.ticks, 1),
+            expansions=self.expansions,
         )
 
 

@@ -1,0 +1,46 @@
+"""`no_plan`: a failure that names mode, finger, constraint and object pose, in words and as evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand
+
+
+def no_plan(
+    what: str,
+    *,
+    mode: str,
+    constraint: str,
+    X_WO: np.ndarray,
+    finger: str | None = None,
+    status: str = "infeasible",
+    **more: float,
+) -> NoPlanFound:
+    """The error that planning ends with.
+
+    Args:
+        what: what cannot be done and why, in words.
+        mode: code of the mode it happens in.
+        constraint: what is violated, by name.
+        X_WO: (4, 4) the object's pose.
+        finger: whose constraint it is, where it is one finger's.
+        status: ``infeasible`` or ``timeout``.
+        more: further evidence.
+    """
+    xyz = np.round(X_WO[:3, 3] * 1e3, 2).tolist()
+    evidence = {"mode": mode, "finger": finger, "constraint": constraint, "X_WO": X_WO.tolist(), **more}
+    return NoPlanFound(f"{what}, in mode {mode}, object at {xyz} mm", status=status, evidence=evidence)
+
+
+def code(hand: Hand, touching: Iterable[int], sliding: Iterable[int] = ()) -> str:
+    """The mode code of fingers in contact (indices): those that slide 2, the others 1."""
+    digits = ["0"] * len(hand.fingers)
+    for i in touching:
+        digits[i] = "1"
+    for i in sliding:
+        digits[i] = "2"
+    return "".join(digits)
