@@ -23,6 +23,7 @@ class LegBuilder:
         self.sliding: set[int] = set()
         """Those of them that slide."""
         self.legs: list[Leg] = []
+        self.regrasps = 0
         self._events: list[str] = []
 
     def copy(self) -> LegBuilder:
@@ -106,6 +107,7 @@ def gait(builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
     for i, node in enumerate(nodes):
         if i:
             finger = node.holds[node.slot].finger
+            builder.regrasps += 1
             builder.dwell()
             builder.break_(finger)
             for way in node.ways:

@@ -1,12 +1,9 @@
-"""The planner: from a task to a path, phase by phase (a phase is a grasp or stretch of moving steps in one search)."""
+"""The planner: from a task to a path; looks for a start pose where the task leaves that open."""
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -16,296 +13,16 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
-from drake_hand.planning import approach, gait, grasp, start, steps
+from drake_hand.planning import start
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.force_plan import add_forces
-from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
-from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.legs import gait as gait_legs
-from drake_hand.planning.object_path import ObjectPath, as_pose, build, pose
+from drake_hand.planning.object_path import as_pose, pose
 from drake_hand.planning.path import Path
-from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.search import Node, Progress, Search
-from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
+from drake_hand.planning.run import Run
+from drake_hand.planning.search import Progress
+from drake_hand.planning.task import Pose, Task
 
-PRELOAD = 0.1
-"""Normal force every contact must be able to bear beside balancing the object, N."""
-QUICK = (28, 14)
-"""Strokes looked at when start poses are rated, ticks."""
-ENDURING = 3
-"""Fingers that last to the end of the path make a grasp by themselves if they are as many."""
 TRIED = 5
 """Start poses, best first, that are planned from."""
-ENOUGH = 0.3
-"""Margin over that with which a gait's longer stroke counts for more, N."""
-GRASPS = 4
-"""Grasps that can be approached, handed to one search."""
-SETS = 2
-"""Sets of fingers tried of each size, where the task names none ..."""
-PATIENCE = 150
-"""... and nodes expanded for each but the last."""
-USABLE = 8
-"""A finger takes part by itself if it can hold some contact for this many ticks."""
-
-
-@dataclass
-class Planner:
-    """One planning run; ask :func:`find_path`."""
-
-    task: Task
-    hand: Hand
-    object: Object
-    scene: Scene
-    clearance: Clearance
-    progress: Callable[[Progress], None]
-    started: float
-    stages: dict[str, float] = field(default_factory=dict)
-    expansions: int = 0
-    regrasps: int = 0
-
-    @contextmanager
-    def stage(self, name: str):
-        """Books the time of a stage."""
-        self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
-        t = time.monotonic()
-        try:
-            yield
-        finally:
-            self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
-
-    @property
-    def deadline(self) -> float:
-        """When time is up (monotonic clock)."""
-        return self.started + self.task.options.time_limit_s
-
-    def run(self, X_WO: np.ndarray) -> Path:
-        """Plans all steps from a start pose X_WO (4, 4)."""
-        todo, model = list(self.task.motion), self.task.options.model
-        builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
-        if isinstance(self.task.start, Pose) and self.task.start.joints_deg:
-            steps.start_inside(builder, self.clearance, self.task.start.joints_deg, model)
-        while todo:
-            step = todo.pop(0)
-            if step.release:
-                steps.release(builder, self.clearance)
-            elif step.slide:
-                finger, s = self.hand.finger(step.slide.finger).index, np.array(step.slide.by_mm) * 1e-3
-                steps.slide(builder, self.clearance, self._holding(), model, finger, s)
-            elif step.push:
-                path = build(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
-                self._check_palm(path)
-                steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
-            else:
-                moving = _moving(todo if step.grasp else [step, *todo])
-                todo = todo[len(moving) - (step.grasp is None) :]
-                path = build(builder.X_WO, moving)
-                builder = self._grasp(builder, step.grasp, path) if step.grasp else self._carry(builder, path)
-        legs = builder.legs
-        holding = self._holding()
-        if isinstance(holding, Equilibrium):
-            with self.stage("forces"):
-                legs = add_forces(legs, self.scene, np.asarray(self.task.physics.gravity), holding)
-        return Path(
-            legs=tuple(legs),
-            hand=self.hand,
-            object=self.object,
-            task=self.task,
-            stats={"stages_s": self.stages, "expansions": self.expansions, "regrasps": self.regrasps},
-        )
-
-    def rate(self, X_WO: np.ndarray) -> float:
-        """How promising a start pose is: the margin of the best gait or grasp found with little effort, else -inf."""
-        step = self.task.motion[0]
-        assert step.grasp is not None, "validated: start: auto begins with a grasp"
-        path = build(X_WO, _moving(list(self.task.motion[1:])))
-        try:
-            fingers, q_parked, table = self._reach(path, step.grasp.fingers)
-        except NoPlanFound:
-            return -np.inf
-        if len(fingers) < 2:
-            return -np.inf
-        holding, rng = self._holding(), np.random.default_rng(self.task.options.seed)
-        if self._periodic(table):
-            found = gait.find(table, fingers, holding, self._allowed, rng, enough=ENOUGH, strokes=QUICK, starts=3)
-            builder = LegBuilder(self.hand, q_parked, X_WO)
-            able = (g for g in found if approach.close(builder, self.clearance, list(g.holds)))
-            return next((g.margin for g in able), -np.inf)
-        search, builder = self._search(table, None), LegBuilder(self.hand, q_parked, X_WO)
-        roots = [holds for _, holds in grasp.select(table, fingers, holding, rng)]
-        best = sorted(((search.reaches(holds), k) for k, holds in enumerate(roots)), reverse=True)[:3]
-        carried = (reached for reached, k in best if approach.close(builder, self.clearance, roots[k]))
-        return next((reached / max(path.ticks, 1) for reached in carried), -np.inf)
-
-    def _periodic(self, table: ReachTable) -> bool:
-        """Whether the path turns a symmetric object far enough for a periodic gait."""
-        return table.symmetric and table.path.ticks > max(gait.STROKES)
-
-    def _reach(self, path: ObjectPath, named: list[str] | None) -> tuple[list[int], np.ndarray, ReachTable]:
-        """The fingers that take part (all that can, unless named), the posture beside them, and their reach table."""
-        fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
-        parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
-        self._check_palm(path)
-        q_parked = approach.park(self.clearance, path, parked)
-        table = self._table(path, q_parked, parked)
-        if named is None:
-            # Fingers that can hold on to the end spare regrasps; three of them make a grasp.
-            for length in (path.ticks, min(USABLE, path.ticks)):
-                able = [i for i in fingers if table.longest(i) > length]
-                if len(able) >= ENDURING:
-                    break
-            if len(able) < len(fingers) and able:
-                return self._reach(path, [self.hand.fingers[i].name for i in able])
-        return fingers, q_parked, table
-
-    def _table(self, path: ObjectPath, q_parked: np.ndarray, parked: list[int]) -> ReachTable:
-        postures = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
-        return ReachTable(self.clearance, path, self.task.options.model, postures)
-
-    def _grasp(self, builder: LegBuilder, wanted: Grasp, path: ObjectPath) -> LegBuilder:
-        """Grasps the object and moves it along the path; tries sets of fingers in turn where none are named."""
-        failures: list[NoPlanFound] = []
-        sets = [wanted.fingers] if wanted.fingers else self._sets(path)
-        for last, names in zip([*[False] * (len(sets) - 1), True], sets, strict=True):
-            try:
-                return self._grasp_with(builder, names, path, None if last else PATIENCE)
-            except NoPlanFound as e:
-                failures.append(e)
-                if time.monotonic() > self.deadline:
-                    break
-        raise max(failures, key=lambda e: e.evidence.get("progress", -1.0))
-
-    def _sets(self, path: ObjectPath) -> list[list[str]]:
-        """Sets of fingers worth trying: without forces as few as let one be lifted first, else as many as can."""
-        with self.stage("reach"):
-            able, _, table = self._reach(path, None)
-        least = min(len(able), max(self.task.options.min_contacts + 1, 2))
-        few_first = self.task.options.hold == "kinematic"
-        sets: list[tuple[int, ...]] = []
-        for size in sorted(range(least, len(able) + 1), reverse=not few_first):
-            allowed = (s for s in itertools.combinations(able, size) if self._allowed(frozenset(s)))
-            sets += sorted(allowed, key=lambda s: -sum(table.longest(i) for i in s))[:SETS]
-        return [[self.hand.fingers[i].name for i in s] for s in sets or [tuple(able)]]
-
-    def _grasp_with(self, start: LegBuilder, names: list[str], path: ObjectPath, patience: int | None) -> LegBuilder:
-        builder = start.copy()
-        with self.stage("reach"):
-            fingers, q_parked, table = self._reach(path, names)
-            steps.settle(builder, self.clearance, q_parked)
-        search = self._search(table, patience)
-        try:
-            nodes = self._gait(builder, search, fingers, path)
-            if nodes is None:
-                with self.stage("grasp"):
-                    roots = self._grasps(builder, search, fingers)
-                with self.stage("search"):
-                    nodes = search.run(roots)
-        finally:
-            self.expansions += search.expansions
-        with self.stage("legs"):
-            closed = approach.close(builder, self.clearance, list(nodes[0].holds))
-            assert closed, "grasps handed to the search can be approached"
-            builder.dwell()
-            self._append(builder, search, nodes)
-        return builder
-
-    def _carry(self, builder: LegBuilder, path: ObjectPath) -> LegBuilder:
-        """Moves the object along the path with the fingers that touch it now."""
-        with self.stage("reach"):
-            self._check_palm(path)
-            free = [i for i in range(len(self.hand.fingers)) if i not in builder.touching]
-            q_parked = approach.park(self.clearance, path, free, builder.q, builder.touching)
-            steps.settle(builder, self.clearance, q_parked)
-            search = self._search(self._table(path, builder.q, free), None)
-            holds = steps.current_holds(builder, search.reach)
-        with self.stage("search"):
-            try:
-                nodes = search.run([holds])
-            finally:
-                self.expansions += search.expansions
-        with self.stage("legs"):
-            self._append(builder, search, nodes)
-        return builder
-
-    def _append(self, builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
-        gait_legs(builder, search, nodes)
-        self.regrasps += len(nodes) - 1
-
-    def _gait(self, builder: LegBuilder, search: Search, fingers: list[int], path: ObjectPath) -> list[Node] | None:
-        """A periodic gait, where the path turns a symmetric object far enough for one."""
-        if not self._periodic(search.reach):
-            return None
-        with self.stage("gait"):
-            rng = np.random.default_rng(self.task.options.seed)
-            found = gait.find(search.reach, fingers, search.holding, self._allowed, rng, enough=ENOUGH)
-            for candidate in found:
-                if approach.close(builder.copy(), self.clearance, list(candidate.holds)):
-                    nodes = search.periodic(candidate, path.ticks)
-                    if nodes is not None:
-                        return nodes
-        return None
-
-    def _search(self, table: ReachTable, patience: int | None) -> Search:
-        return Search(
-            reach=table,
-            holding=self._holding(),
-            allowed=self._allowed,
-            deadline=self.deadline,
-            patience=patience,
-            progress=self.progress,
-        )
-
-    def _holding(self) -> Holding:
-        if self.task.options.hold == "kinematic":
-            return Kinematic(self.task.options.min_contacts)
-        physics = self.task.physics
-        return Equilibrium(
-            self.hand,
-            gravity=np.asarray(physics.gravity),
-            mass=physics.object_mass_kg or self.object.mass,
-            friction=physics.friction,
-            preload=PRELOAD,
-        )
-
-    def _allowed(self, touching: frozenset[int]) -> bool:
-        modes = self.task.options.modes
-        return modes is None or code(self.hand, touching) in modes
-
-    def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[list[Hold]]:
-        """Sets of contacts that can be approached, those that carry the object farthest first."""
-        table, rng, X = search.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
-        mode = code(self.hand, fingers)
-        for i in fingers:
-            if not table.longest(i):
-                name, word = self.hand.fingers[i].name, table.most_common_limit(i, 0)
-                counts = table.limits[i, 0]
-                what = f"finger {name} can make none of {sum(counts.values())} contacts ({word}: {counts[word]})"
-                raise no_plan(what, mode=mode, finger=name, constraint=word, X_WO=X)
-        if not self._allowed(frozenset(fingers)):
-            raise no_plan("a grasp needs a mode that options.modes leaves out", mode=mode, constraint="modes", X_WO=X)
-        able: list[list[Hold]] = []
-        roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)]
-        for holds in sorted(roots, key=search.reaches, reverse=True):
-            if approach.close(builder.copy(), self.clearance, holds):
-                able.append(holds)
-                if len(able) == GRASPS:
-                    return able
-        if not able:
-            none = "none of the sets of contacts tried"
-            if roots:
-                raise no_plan(f"{none} can be approached without a collision", mode=mode, constraint="approach", X_WO=X)
-            raise no_plan(f"{none} holds the object clear of collisions", mode=mode, constraint="hold", X_WO=X)
-        return able
-
-    def _check_palm(self, path: ObjectPath) -> None:
-        """Refuses paths on which the object runs into the palm, whatever the fingers do."""
-        for X in path.X_WO[np.unique(np.linspace(0, path.ticks, 25).astype(int))]:
-            self.scene.set(self.hand.q_home, X)
-            for a, b, depth in self.scene.penetrations():
-                other = b if a == self.object.link else a
-                if self.object.link in (a, b) and other in self.clearance.still:
-                    what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
-                    raise no_plan(what, mode=code(self.hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
 def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Path:
@@ -329,7 +46,7 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
     hand, object_ = Hand.load(task.hand), Object.load(task.object)
     _check_names(task, hand)
     scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
-    planner = Planner(
+    run = Run(
         task=task,
         hand=hand,
         object=object_,
@@ -338,29 +55,29 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
         progress=progress or (lambda p: None),
         started=started,
     )
-    planner.stages["model"] = time.monotonic() - started
-    return planner.run(pose(task.start)) if isinstance(task.start, Pose) else _find_start(planner)
+    run.stages["model"] = time.monotonic() - started
+    return run.plan(pose(task.start)) if isinstance(task.start, Pose) else _find_start(run)
 
 
-def _find_start(planner: Planner) -> Path:
+def _find_start(run: Run) -> Path:
     """Plans from the start poses that are rated best, one after the other."""
-    task, rng = planner.task, np.random.default_rng(planner.task.options.seed)
+    task, rng = run.task, np.random.default_rng(run.task.options.seed)
     rated: list[tuple[float, Pose]] = []
-    with planner.stage("start"):
-        for k, X in enumerate(start.poses(task, planner.clearance, rng)):
+    with run.stage("start"):
+        for k, X in enumerate(start.poses(task, run.clearance, rng)):
             where = as_pose(X)
-            rated.append((planner.rate(pose(where)), where))
+            rated.append((run.rate(pose(where)), where))
             fraction = (k + 1) / start.RATED
-            planner.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - planner.started))
-            if time.monotonic() > planner.deadline:
+            run.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - run.started))
+            if time.monotonic() > run.deadline:
                 break
     failures: list[NoPlanFound] = []
     for value, where in sorted(rated, key=lambda r: -r[0])[:TRIED]:
         if not np.isfinite(value):
             break
-        planner.task = msgspec.structs.replace(task, start=where)
+        run.task = msgspec.structs.replace(task, start=where)
         try:
-            return planner.run(pose(where))
+            return run.plan(pose(where))
         except NoPlanFound as e:
             failures.append(e)
     if failures:
@@ -369,11 +86,6 @@ def _find_start(planner: Planner) -> Path:
         f"none of {len(rated)} start poses tried gives a grasp that holds in any mode",
         evidence={"mode": None, "finger": None, "constraint": "start: auto", "X_WO": None},
     )
-
-
-def _moving(steps: list[Step]) -> list[Step]:
-    """The leading steps that move the object in one go."""
-    return list(itertools.takewhile(lambda s: s.kind in ("rotate", "translate", "move_to"), steps))
 
 
 def _check_names(task: Task, hand: Hand) -> None:
