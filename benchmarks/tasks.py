@@ -14,7 +14,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning.task import Task
 
 TASKS = [("spin", None), ("spin", -360.0), ("spin", 720.0), ("spin", 3600.0), ("paper", None), ("carry", None)]
-TASKS += [("twirl", None)]
+TASKS += [("carry_far", None), ("twirl", None)]
 
 
 def turned(task: Task, angle_deg: float | None) -> Task:

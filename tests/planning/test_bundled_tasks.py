@@ -71,6 +71,12 @@ def test_a_pencil_is_carried_without_letting_go():
     assert result.regrasps == 0
 
 
+def test_further_than_one_grasp_reaches_takes_regrasps():
+    result = api.solve("carry_far")
+    assert result.plan.certified
+    assert result.regrasps >= 1
+
+
 @pytest.mark.slow
 def test_a_pencil_is_swung_half_round():
     assert api.plan("twirl").certified
