@@ -30,6 +30,9 @@ STEP = 0.15
 BEND = 0.02
 """... and how much the step may change within one."""
 
+KINK = 2e-5
+"""Drift in one step beyond which the surface is not smooth there, m."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Flow:
@@ -83,13 +86,14 @@ def roll(
         # Drift is taken out at every pose: the tip centre goes back where it belongs.
         target = tip.p_OS + r * tip.nhat_O if fixed is None else fixed[alive]
         back = (target - tip.p_OC) @ X_WO[k, :3, :3].T
+        drift = np.linalg.norm(back, axis=1)
         back_q = solve_least_squares(tip.J, back, damping=_DAMPING)
         now = now + back_q
         slipped = slipped + np.linalg.norm(_apply(tip.J, back_q) - back, axis=1)
         ends = [
             ("joint limit", ((now < kinematics.lower) | (now > kinematics.upper)).any(1)),
             ("singular", (np.abs(now - before).max(axis=1) > STEP) | (slipped > SLIP)),
-            ("edge", surface.edge_distance(tip.p_OS) < edge_margin),
+            ("edge", (surface.edge_distance(tip.p_OS) < edge_margin) | ((k > 0) & (drift > KINK))),
         ]
         dead = np.zeros(len(alive), dtype=bool)
         for word, mask in ends:
