@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from drake_hand.planning.task import MoveTo, Pose, Rotate, Step
 
 TICK_DEG = 2.5
-"""Largest rotation between neighbouring samples."""
+"""Largest rotation between neighbouring samples ..."""
 TICK_M = 1.0e-3
-"""Largest translation between neighbouring samples."""
+"""... and largest translation."""
 
 
 def pose(p: Pose | MoveTo) -> np.ndarray:
@@ -51,19 +51,20 @@ class ObjectPath:
         return len(self.X_WO) - 1
 
 
-def build(X_WO: np.ndarray, steps: list[Step]) -> ObjectPath:
+def build(X_WO: np.ndarray, steps: list[Step], *, fineness: int = 1) -> ObjectPath:
     """Strings moving steps (rotate, translate, move_to) together.
 
     Args:
         X_WO: (4, 4) pose at the start.
         steps: the steps, in order.
+        fineness: how many times more samples than usual.
 
     Returns:
         Their path; a winding of more than one turn is kept as such.
     """
     poses, stops = [X_WO], []
     for step in steps:
-        poses += _samples(poses[-1], step)
+        poses += _samples(poses[-1], step, fineness)
         stops.append(len(poses) - 1)
     axis = point = None
     if len(steps) == 1 and steps[0].rotate:
@@ -81,14 +82,14 @@ def rotation_line(X_WO: np.ndarray, rotate: Rotate) -> tuple[np.ndarray, np.ndar
     return axis, point
 
 
-def _samples(X0: np.ndarray, step: Step) -> list[np.ndarray]:
+def _samples(X0: np.ndarray, step: Step, fineness: int) -> list[np.ndarray]:
     """Poses after X0 along one step."""
     if step.rotate:
         axis, point = rotation_line(X0, step.rotate)
         angle = np.radians(step.rotate.angle_deg)
         radius = np.linalg.norm(np.cross(X0[:3, 3] - point, axis))
         turn = Rotation.from_rotvec(
-            axis[None] * np.linspace(0, 1, _count(abs(angle), abs(angle) * radius) + 1)[1:, None] * angle
+            axis[None] * np.linspace(0, 1, fineness * _count(abs(angle), abs(angle) * radius) + 1)[1:, None] * angle
         )
         out = np.tile(np.eye(4), (len(turn), 1, 1))
         out[:, :3, :3] = turn.as_matrix() @ X0[:3, :3]
@@ -102,7 +103,7 @@ def _samples(X0: np.ndarray, step: Step) -> list[np.ndarray]:
         goal = pose(step.move_to)
     w = Rotation.from_matrix(goal[:3, :3] @ X0[:3, :3].T).as_rotvec()
     d = goal[:3, 3] - X0[:3, 3]
-    u = np.linspace(0, 1, _count(float(np.linalg.norm(w)), float(np.linalg.norm(d))) + 1)[1:, None]
+    u = np.linspace(0, 1, fineness * _count(float(np.linalg.norm(w)), float(np.linalg.norm(d))) + 1)[1:, None]
     out = np.tile(np.eye(4), (len(u), 1, 1))
     out[:, :3, :3] = Rotation.from_rotvec(u * w).as_matrix() @ X0[:3, :3]
     out[:, :3, 3] = X0[:3, 3] + u * d

@@ -35,6 +35,8 @@ ENDURING = 3
 """Fingers that last to the end of the path make a grasp by themselves if they are as many."""
 ENOUGH = 0.3
 """Margin over that with which a gait's longer stroke counts for more, N."""
+FINENESS = 2
+"""How many times finer paths of polyhedra are sampled."""
 GRASPS = 4
 """Grasps that can be approached, handed to one search."""
 SETS = 2
@@ -102,7 +104,7 @@ class Run:
         if step.grasp:
             moving = moving_steps(rest)
             failures: list[NoPlanFound] = []
-            for grasped in self._grasp(builder, step.grasp, build(builder.X_WO, moving)):
+            for grasped in self._grasp(builder, step.grasp, self._path(builder.X_WO, moving)):
                 try:
                     return self._follow(grasped, rest[len(moving) :])
                 except NoPlanFound as e:
@@ -117,20 +119,25 @@ class Run:
             finger, s = self.hand.finger(step.slide.finger).index, np.array(step.slide.by_mm) * 1e-3
             steps.slide(builder, self.clearance, self._holding(), model, finger, s)
         elif step.push:
-            path = build(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
+            path = self._path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
             self._check_palm(path)
             steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
         else:
             moving = moving_steps(todo)
-            self._carry(builder, build(builder.X_WO, moving))
+            self._carry(builder, self._path(builder.X_WO, moving))
             rest = todo[len(moving) :]
         return self._follow(builder, rest)
+
+    def _path(self, X_WO: np.ndarray, moving: list[Step]) -> ObjectPath:
+        """The path of moving steps; finer for polyhedra, on which contacts move in jerks."""
+        polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
+        return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
 
     def rate(self, X_WO: np.ndarray) -> float:
         """How promising a start pose is: the margin of the best gait or grasp found with little effort, else -inf."""
         step = self.task.motion[0]
         assert step.grasp is not None, "validated: start: auto begins with a grasp"
-        path = build(X_WO, moving_steps(list(self.task.motion[1:])))
+        path = self._path(X_WO, moving_steps(list(self.task.motion[1:])))
         try:
             fingers, q_parked, table = self._reach(path, step.grasp.fingers)
         except NoPlanFound:
