@@ -1,0 +1,56 @@
+"""Object paths end where the steps say, winding counted, sampled finely enough to roll along."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drake_hand.planning.object_path import TICK_DEG, TICK_M, as_pose, build, pose
+from drake_hand.planning.task import MoveTo, Pose, Rotate, Step, Translate
+
+START = Pose(xyz_mm=(50.0, 5.0, 110.0), rpy_deg=(90.0, 10.0, -20.0))
+
+
+def turned_deg(X_WO: np.ndarray) -> float:
+    """Angle turned along a path, winding counted."""
+    steps = Rotation.from_matrix(X_WO[1:, :3, :3] @ X_WO[:-1, :3, :3].transpose(0, 2, 1))
+    return float(np.degrees(steps.magnitude().sum()))
+
+
+@pytest.mark.parametrize("angle_deg", [90.0, -360.0, 720.0])
+def test_winding_counts_and_the_origin_stays(angle_deg):
+    path = build(pose(START), [Step(rotate=Rotate(axis=(0.0, 1.0, 0.0), angle_deg=angle_deg))])
+    assert turned_deg(path.X_WO) == pytest.approx(abs(angle_deg))
+    assert np.allclose(path.X_WO[:, :3, 3], path.X_WO[0, :3, 3])
+    goal = Rotation.from_euler("y", angle_deg, degrees=True).as_matrix() @ path.X_WO[0, :3, :3]
+    assert np.allclose(path.X_WO[-1, :3, :3], goal)
+
+
+def test_an_axis_of_the_object_stays_where_it_points():
+    path = build(pose(START), [Step(rotate=Rotate(axis=(0.0, 0.0, 1.0), frame="object", angle_deg=200.0))])
+    assert np.allclose(path.X_WO[:, :3, 2], path.X_WO[0, :3, 2])
+    assert np.allclose(path.axis_W, path.X_WO[0, :3, 2])
+
+
+def test_turning_about_a_point_keeps_the_distance_from_it():
+    about = np.array([0.02, 0.0, 0.1])
+    path = build(pose(START), [Step(rotate=Rotate(axis=(0.0, 0.0, 1.0), angle_deg=70.0, about_mm=tuple(about * 1e3)))])
+    distance = np.linalg.norm(path.X_WO[:, :3, 3] - about, axis=1)
+    assert np.allclose(distance, distance[0])
+
+
+def test_steps_follow_one_another_and_stop_in_between():
+    steps = [
+        Step(translate=Translate(by_mm=(10.0, 0.0, 0.0))),
+        Step(move_to=MoveTo(xyz_mm=(50.0, 5.0, 120.0), rpy_deg=(80.0, 0.0, 0.0))),
+    ]
+    path = build(pose(START), steps)
+    assert path.stops[-1] == path.ticks
+    assert np.allclose(path.X_WO[path.stops[0], :3, 3], [0.060, 0.005, 0.110])
+    assert np.allclose(path.X_WO[-1], pose(Pose(xyz_mm=(50.0, 5.0, 120.0), rpy_deg=(80.0, 0.0, 0.0))))
+    moved = np.linalg.norm(np.diff(path.X_WO[:, :3, 3], axis=0), axis=1)
+    assert moved.max() <= TICK_M + 1e-12
+    assert turned_deg(path.X_WO) / path.ticks <= TICK_DEG
+
+
+def test_a_pose_reads_back_as_written():
+    assert as_pose(pose(START)) == START
