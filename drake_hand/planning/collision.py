@@ -27,6 +27,8 @@ LIMIT_MARGIN = np.radians(2.0)
 """Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
 _SHELL = 4.0e-3
 """How deep their centres lie under the surface, m."""
+_GROUP = 24
+"""Spheres of a link that are looked at together."""
 _GRID = {1: 40, 2: 14, 3: 8}
 """Postures per joint of the grid, by number of joints; 5 for more."""
 _FAR = 5.0e-3
@@ -49,21 +51,20 @@ class Postures:
 
 @dataclass(frozen=True, kw_only=True)
 class _Spheres:
-    """Spheres fixed to the moving joints of one finger: one around each link, then those that cover its shapes."""
+    """Spheres fixed to the moving joints of one finger: one around each group, then those that cover the shapes."""
 
     joint: np.ndarray
-    """(L + S,) index of the moving joint each follows."""
+    """(G + S,) index of the moving joint each follows."""
     p_J: np.ndarray
-    """(L + S, 3) centres in that joint's frame, m."""
+    """(G + S, 3) centres in that joint's frame, m."""
     around: np.ndarray
-    """(L,) radius of the spheres around the links, m."""
+    """(G,) radius of the spheres around the groups, m."""
     radius: np.ndarray
     """(S,) of the covering ones, m."""
     tip: np.ndarray
     """(S,) bool: part of the fingertip, which may touch the object."""
-    of_link: tuple[slice, ...]
-    """(L,) which of the covering spheres belong to each link."""
-    links: tuple[RigidBody, ...]
+    groups: tuple[tuple[RigidBody, slice], ...]
+    """(G,) the body each group belongs to, and which of the covering spheres are in it."""
 
 
 class _Solid:
@@ -74,13 +75,28 @@ class _Solid:
         corners = np.concatenate([g.box_O for g in surface.geometries])
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
 
-    def gaps(self, p: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """(N, S) clearances of spheres at p (N, S, 3)."""
+    def least_gap(self, p: np.ndarray, s: _Spheres, use: np.ndarray) -> np.ndarray:
+        """(N,) least clearance of the spheres s that are used (S,), their centres at p (N, G + S, 3)."""
+        G, starts = len(s.around), [rows.start for _, rows in s.groups]
+        around = self._outside(p[:, :G]) - s.around
+        around[:, ~np.logical_or.reduceat(use, starts)] = np.inf
+        near = around < _FAR
+        least = np.where(near, np.inf, around).min(axis=1)
+        if near.any():
+            pick = np.repeat(near, np.diff([*starts, len(use)]), axis=1) & use
+            gap, some = np.full(pick.shape, np.inf), p[:, G:][pick]
+            radius = np.broadcast_to(s.radius, pick.shape)[pick]
+            exact = self._outside(some) - radius
+            close = exact < _FAR
+            exact[close] = self.surface.closest(some[close])[2] - radius[close]
+            gap[pick] = exact
+            least = np.minimum(least, gap.min(axis=1))
+        return least
+
+    def _outside(self, p: np.ndarray) -> np.ndarray:
+        """(...) distance of points (..., 3) from the box."""
         outside = np.maximum(np.maximum(self.low - p, p - self.high), 0.0)
-        gap = np.sqrt((outside * outside).sum(axis=-1)) - radius
-        near = gap < _FAR
-        gap[near] = self.surface.closest(p[near])[2] - np.broadcast_to(radius, near.shape)[near]
-        return gap
+        return np.sqrt((outside * outside).sum(axis=-1))
 
 
 class Clearance:
@@ -135,31 +151,26 @@ class Clearance:
         """
         s = self._spheres[i]
         use = np.ones(len(s.tip), dtype=bool) if tip else ~s.tip
-        p_O = (centres[:, len(s.around) :][:, use] - X_WO[:3, 3]) @ X_WO[:3, :3]
-        return self._object.gaps(p_O, s.radius[use]).min(axis=1, initial=np.inf)
+        return self._object.least_gap((centres - X_WO[:3, 3]) @ X_WO[:3, :3], s, use)
 
     def to_palm(self, i: int, centres: np.ndarray) -> np.ndarray:
         """(N,) least clearance of finger i from the palm and what is fixed to it; inf where nothing is checked."""
         s, least = self._spheres[i], np.full(len(centres), np.inf)
         for solid, use in self._palm[i]:
-            gaps = solid.gaps(centres[:, len(s.around) :][:, use], s.radius[use])
-            least = np.minimum(least, gaps.min(axis=1))
+            least = np.minimum(least, solid.least_gap(centres, s, use))
         return least
 
     def between(self, i: int, a: np.ndarray, j: int, b: np.ndarray) -> np.ndarray:
         """(N,) least clearance between fingers i and j, row by row; a single row of either is repeated."""
         s, t = self._spheres[i], self._spheres[j]
         gap = _distances(a[:, : len(s.around)], b[:, : len(t.around)]) - s.around[:, None] - t.around
-        least = gap.min(axis=(1, 2))
-        near = np.flatnonzero(least < _FAR)
-        if not len(near):
-            return least
-        least[near] = np.where(gap[near] < _FAR, np.inf, gap[near]).min(axis=(1, 2))
-        for k, m in zip(*np.nonzero((gap < _FAR).any(axis=0)), strict=True):
-            rows = np.flatnonzero(gap[:, k, m] < _FAR)
-            x = a[rows if len(a) > 1 else slice(1), len(s.around) :][:, s.of_link[k]]
-            y = b[rows if len(b) > 1 else slice(1), len(t.around) :][:, t.of_link[m]]
-            exact = _distances(x, y) - s.radius[s.of_link[k], None] - t.radius[t.of_link[m]]
+        near = gap < _FAR
+        least = np.where(near, np.inf, gap).min(axis=(1, 2))
+        for k, m in zip(*np.nonzero(near.any(axis=0)), strict=True):
+            rows, own, other = np.flatnonzero(near[:, k, m]), s.groups[k][1], t.groups[m][1]
+            x = a[rows if len(a) > 1 else slice(1), len(s.around) :][:, own]
+            y = b[rows if len(b) > 1 else slice(1), len(t.around) :][:, other]
+            exact = _distances(x, y) - s.radius[own, None] - t.radius[other]
             least[rows] = np.minimum(least[rows], exact.min(axis=(1, 2)))
         return least
 
@@ -201,30 +212,32 @@ def _geometries(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometr
 def _cover(scene: Scene, finger: Finger) -> _Spheres:
     joint, points, radii, tips = [], [], [], []
     around: list[tuple[int, np.ndarray, float]] = []
-    of_link, links, count = [], [], 0
+    groups: list[tuple[RigidBody, slice]] = []
+    count = 0
     for index, body, X_JL in _bodies(scene, finger):
         shapes = [_cover_geometry(g) for _, g in _geometries(scene, body)]
         if not shapes:
             continue
         p_J = np.concatenate([p for p, _ in shapes]) @ X_JL[:3, :3].T + X_JL[:3, 3]
         r_J = np.concatenate([np.full(len(p), r) for p, r in shapes])
-        points.append(p_J)
-        radii.append(r_J)
-        joint.append(np.full(len(p_J), index))
-        tips.append(np.full(len(p_J), body.name() == finger.tip_link))
-        centre = (p_J.min(axis=0) + p_J.max(axis=0)) / 2
-        around.append((index, centre, float((np.linalg.norm(p_J - centre, axis=1) + r_J).max())))
-        of_link.append(slice(count, count + len(p_J)))
-        count += len(p_J)
-        links.append(body)
+        order = np.argsort(p_J[:, np.ptp(p_J, axis=0).argmax()], kind="stable")
+        for rows in np.array_split(order, range(_GROUP, len(order), _GROUP)):
+            p, r = p_J[rows], r_J[rows]
+            points.append(p)
+            radii.append(r)
+            joint.append(np.full(len(p), index))
+            tips.append(np.full(len(p), body.name() == finger.tip_link))
+            centre = (p.min(axis=0) + p.max(axis=0)) / 2
+            around.append((index, centre, float((np.linalg.norm(p - centre, axis=1) + r).max())))
+            groups.append((body, slice(count, count + len(p))))
+            count += len(p)
     return _Spheres(
         joint=np.concatenate([[index for index, _, _ in around], *joint]).astype(int),
         p_J=np.concatenate([[centre for _, centre, _ in around], *points]),
         around=np.array([r for _, _, r in around]),
         radius=np.concatenate(radii),
         tip=np.concatenate(tips),
-        of_link=tuple(of_link),
-        links=tuple(links),
+        groups=tuple(groups),
     )
 
 
@@ -241,12 +254,12 @@ def _bodies(scene: Scene, finger: Finger) -> Iterator[tuple[int, RigidBody, np.n
 def _still(scene: Scene, spheres: _Spheres) -> list[tuple[_Solid, np.ndarray]]:
     """Bodies that stand still in W, and which of a finger's spheres (S,) are checked against each."""
     inspector = scene.scene_graph.model_inspector()
-    own = [[g for g, _ in _geometries(scene, body)] for body in spheres.links]
+    own = [[g for g, _ in _geometries(scene, body)] for body, _ in spheres.groups]
     found = []
     for body in scene.plant.GetBodiesWeldedTo(scene.plant.world_body()):
         shapes = _geometries(scene, body)
         use = np.zeros(len(spheres.radius), dtype=bool)
-        for rows, ids in zip(spheres.of_link, own, strict=True):
+        for (_, rows), ids in zip(spheres.groups, own, strict=True):
             use[rows] = any(not inspector.CollisionFiltered(a, b) for a in ids for b, _ in shapes)
         if use.any():
             X_WL = body.EvalPoseInWorld(scene.plant_context).GetAsMatrix4()
