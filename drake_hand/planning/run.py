@@ -60,6 +60,7 @@ class Run:
     started: float
     stages: dict[str, float] = field(default_factory=dict)
     expansions: int = 0
+    _tables: dict[tuple, tuple[list[int], np.ndarray, ReachTable]] = field(default_factory=dict)
     _last_table: tuple[tuple, ReachTable] | None = None
 
     @contextmanager
@@ -79,6 +80,7 @@ class Run:
 
     def plan(self, X_WO: np.ndarray) -> Path:
         """Plans all steps from a start pose X_WO (4, 4)."""
+        self._tables.clear()
         builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
         if isinstance(self.task.start, Pose) and self.task.start.joints_deg:
             steps.start_inside(builder, self.clearance, self.task.start.joints_deg, self.task.options.model)
@@ -137,6 +139,7 @@ class Run:
         """How promising a start pose is: the margin of the best gait or grasp found with little effort, else -inf."""
         step = self.task.motion[0]
         assert step.grasp is not None, "validated: start: auto begins with a grasp"
+        self._tables.clear()
         path = self._path(X_WO, moving_steps(list(self.task.motion[1:])))
         try:
             fingers, q_parked, table = self._reach(path, step.grasp.fingers)
@@ -162,20 +165,37 @@ class Run:
 
     def _reach(self, path: ObjectPath, named: list[str] | None) -> tuple[list[int], np.ndarray, ReachTable]:
         """The fingers that take part (all that can, unless named), the posture beside them, and their reach table."""
-        fingers = [self.hand.finger(name).index for name in named] if named else list(range(len(self.hand.fingers)))
-        parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
-        self._check_palm(path)
-        q_parked = approach.park(self.clearance, path, parked)
-        table = self._table(path, q_parked, parked)
+        everyone = [f.name for f in self.hand.fingers]
+        fingers, q_parked, table = self._reached(path, named or everyone)
         if named is None:
             # Fingers that can hold on to the end spare regrasps; three of them make a grasp.
             for length in (path.ticks, min(USABLE, path.ticks)):
-                able = [i for i in fingers if table.longest(i) > length]
+                able = [everyone[i] for i in fingers if table.longest(i) > length]
                 if len(able) >= ENDURING:
                     break
-            if len(able) < len(fingers) and able:
-                return self._reach(path, [self.hand.fingers[i].name for i in able])
+            if len(able) < max(self.task.options.min_contacts, 1):
+                raise self._too_few(able, fingers, table)
+            if len(able) < len(fingers):
+                return self._reached(path, able)
         return fingers, q_parked, table
+
+    def _reached(self, path: ObjectPath, named: list[str]) -> tuple[list[int], np.ndarray, ReachTable]:
+        key = (id(path), *named)
+        if key not in self._tables:
+            fingers = [self.hand.finger(name).index for name in named]
+            parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
+            self._check_palm(path)
+            q_parked = approach.park(self.clearance, path, parked)
+            self._tables[key] = fingers, q_parked, self._table(path, q_parked, parked)
+        return self._tables[key]
+
+    def _too_few(self, able: list[str], fingers: list[int], table: ReachTable) -> NoPlanFound:
+        """The error that not enough fingers can hold the object; blames the one that comes nearest to it."""
+        i = max((i for i in fingers if self.hand.fingers[i].name not in able), key=table.longest)
+        name, word = self.hand.fingers[i].name, table.most_common_limit(i, 0)
+        what = f"{', '.join(able) or 'no finger'} alone can hold the object where it starts; {name}: {word}"
+        X = table.path.X_WO[0]
+        return no_plan(what, mode=code(self.hand, fingers), finger=name, constraint=word, X_WO=X)
 
     def _table(self, path: ObjectPath, q_parked: np.ndarray, parked: list[int]) -> ReachTable:
         """The reach table of a path beside parked fingers; the last one again where nothing has changed."""

@@ -119,7 +119,7 @@ class Search:
         closed: set[tuple] = set()
         first = Node(tick=0, holds=tuple(roots[0]))
         nowhere = np.zeros((len(fingers), 0), dtype=bool)
-        farthest = (-1, first, Limits(last=-1, liftable=nowhere, why="search barely begun"))
+        farthest = (-1, first, Limits(last=-1, liftable=nowhere, why="time limit"))
         while heap:
             f, _, _, node = heapq.heappop(heap)
             key = (node.tick, *((h.table, h.birth) for h in node.holds))
@@ -378,12 +378,13 @@ class Search:
         hand, path = self.reach.clearance.hand, self.reach.path
         tick = min(max(last, 0), path.ticks)
         finger = self._name(node.holds[limits.slot]) if limits.slot is not None else None
-        blocked = [self._name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
+        reason = f"{what} at {100 * tick / max(path.ticks, 1):.0f} % of the motion"
+        if limits.liftable.size:
+            blocked = [self._name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
+            reason += f": finger {finger} ends at its {limits.why}" if finger else f": {limits.why}"
+            reason += f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else ""
         return no_plan(
-            f"{what} at {100 * tick / max(path.ticks, 1):.0f} % of the motion: "
-            + (f"finger {finger} ends at its {limits.why}" if finger else limits.why)
-            + (f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else "")
-            + "; no further regrasp leads on",
+            reason,
             status=status,
             mode=code(hand, (h.finger for h in node.holds)),
             finger=finger,
