@@ -32,6 +32,7 @@ from swing import swing
 from drake_hand.epos import executor, pdo
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.objects import IDENTITY, DriveType
+from drake_hand.epos.pdo import LAYOUT
 from drake_hand.epos.sim import SimulatedDrives
 from drake_hand.epos.sim_faults import kind_of
 from drake_hand.epos.sim_timeline import Event, Header, Row, read_timeline
@@ -40,6 +41,8 @@ from drake_hand.epos.stops import FOLLOWING_SHARE
 
 MOTION_S = 1.0
 WITHIN_S = 0.6
+LATE_T = 1.5
+"""Longest time between two SYNCs, or two answers of a healthy drive, that is no disturbance, in SYNC periods."""
 STAMP_S = 1.1e-3
 """How much before a frame the simulated drives may date what it did."""
 BY_ITSELF_S = 0.27
@@ -141,18 +144,23 @@ def _judge(
         frames=max(max(first_stops) - begun, 0.0) / T if first_stops else np.nan,
         stopped=max(stopped - begun, 0.0) / T,  # a drive may date it a little before the frame that did it
         syncs=sum(1 for r in rows if r.sync is not None and begun < r.t <= stopped + 1e-6),
-        disturbed=_disturbance(case, answer),
+        disturbed=_disturbance(case, trial, answer),
         ramp_ms=(resting - stopped) * 1e3,
         violations=list(_violations(case, trial, answer, header, events, stopped)),
     )
 
 
-def _disturbance(case: Case, answer: dict | None) -> str:
-    """The machine's own faults are those of time: frames late or away."""
+def _disturbance(case: Case, trial: Trial, answer: dict | None) -> str:
+    """What stopped the run instead of the fault, where frames came late: that is the machine's own fault."""
     first = answer["faults"][0] if answer and answer["faults"] else None
-    if first is None or first["kind"] in case.kinds or first["kind"] not in ("late", "silent", "heartbeat"):
+    if first is None or first["kind"] in case.kinds:
         return ""
-    return str(first["text"])
+    T = trial.drives.bus.sync_ms * 1e-3
+    syncs = [t for t, cob, _ in trial.tap.sent if cob == pdo.SYNC_COB]
+    spared = next(d for d in trial.drives.drives if d.joint != trial.victim)
+    answers = [t for t, cob, _ in trial.tap.heard if cob == LAYOUT[spared.type].status.cob_id(spared.node)]
+    gap = max((b - a for times in (syncs, answers) for a, b in itertools.pairwise(times)), default=0.0)
+    return str(first["text"]) if gap > LATE_T * T else ""
 
 
 def _injected(trial: Trial, events: list[Event]) -> float:
@@ -209,17 +217,16 @@ def _violations(
         yield "a drive was enabled before all were configured"
     if not operational >= set(header.nodes):
         yield "a drive was enabled before all were heard"
-    disturbed = bool(_disturbance(case, answer))
-    reachable = case.reachable or disturbed
+    disturbed = bool(_disturbance(case, trial, answer))
     if not np.isfinite(stopped) and not disturbed:
         yield "a drive did not leave the motion"
     alone = [
         e.t for e in events if e.joint == trial.victim and e.event == "state" and e.what in _STOPPED and e.t >= injected
     ]
-    if not reachable and not (alone and min(alone) - injected <= BY_ITSELF_S):
+    if not case.reachable and not disturbed and not (alone and min(alone) - injected <= BY_ITSELF_S):
         yield "the drive that was cut off did not stop by itself"
     states = trial.sim.states
-    if reachable and any(s.powered for s in states.values()):
+    if case.reachable and any(s.powered for s in states.values()):
         yield f"still powered: {[j for j, s in states.items() if s.powered]}"
     if answer is None:
         return
@@ -227,7 +234,7 @@ def _violations(
         yield "the run says that nothing happened"
     elif answer["faults"][0]["kind"] not in case.kinds and not disturbed:
         yield f"stopped by {answer['faults'][0]['kind']}, not {case.kinds}: {answer['faults'][0]['text']}"
-    if answer["disabled"] != reachable:
+    if answer["disabled"] != case.reachable and not disturbed:
         yield f"disabled {answer['disabled']}, not disabled {answer['not_disabled']}"
     unnamed = [j for j, s in states.items() if s.powered and j not in answer["not_disabled"]]
     if unnamed:

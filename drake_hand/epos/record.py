@@ -16,6 +16,10 @@ from drake_hand.files import write_atomic
 
 SUFFIX = ".run.npz"
 NO_QUEUE = -1
+LATE_SHARE = 0.1
+"""Of a SYNC period: later than that, a position no longer belongs to its command."""
+LATE_FOR_S = 0.06
+"""How long a target that came late is felt."""
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):
@@ -99,18 +103,23 @@ class RunRecord:
     def lag(self) -> tuple[np.ndarray, np.ndarray]:
         """Explains the tracking error by a pure delay: ``error ~ delay * commanded speed``, joint by joint.
 
+        Rows at and after a late SYNC are left out: their position was not read at the time of their command.
+
         Returns:
             (n,) delay, s (zero for a joint that does not move), and (n,) largest error left unexplained, deg.
         """
-        rows = self.playing
+        rows, n = self.playing, self.commanded.shape[1]
         if np.count_nonzero(rows) < 3:
-            return np.zeros(self.commanded.shape[1]), np.zeros(self.commanded.shape[1])
+            return np.zeros(n), np.zeros(n)
         speed = np.gradient(np.rad2deg(self.commanded[rows]), self.plan_time[rows], axis=0)
-        heard = np.isfinite(self.measured[rows])
-        error = np.where(heard, self.error_deg[rows], 0.0)
-        power = np.sum(speed**2 * heard, axis=0)
+        late = self.late_ms[rows] > LATE_SHARE * self.header.sync_ms
+        after = 1 + round(LATE_FOR_S * 1e3 / self.header.sync_ms)
+        late = np.convolve(late, np.ones(after))[: len(late)] > 0
+        counts = np.isfinite(self.measured[rows]) & ~late[:, None]
+        error = np.where(counts, self.error_deg[rows], 0.0)
+        power = np.sum(speed**2 * counts, axis=0)
         delay = np.divide(np.sum(error * speed, axis=0), power, out=np.zeros_like(power), where=power > 1e-9)
-        rest = np.abs(error - delay * speed) * heard
+        rest = np.abs(error - delay * speed) * counts
         return delay, rest.max(axis=0)
 
     def save(self, path: Path) -> None:

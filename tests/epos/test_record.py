@@ -67,6 +67,15 @@ def test_lag_is_the_delay(delay):
     assert rest.max() < 0.6
 
 
+def test_lag_leaves_out_what_was_read_late():
+    record = run(0.01)
+    record.late_ms[30] = 5.0
+    record.measured[30:36] += 1.0
+    delay, rest = record.lag()
+    assert delay == pytest.approx([0.01, 0.01], abs=2e-3)
+    assert rest.max() < 0.6
+
+
 def test_lag_leaves_out_what_was_not_heard_and_joints_that_rest():
     record = run(0.01)
     record.commanded[:, 1] = record.measured[:, 1] = 0.3
