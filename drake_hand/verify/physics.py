@@ -34,7 +34,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import JointActuator, ModelInstanceIndex, PdControllerGains, RigidBody
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import TrajectorySource
+from pydrake.systems.primitives import MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.transform import Rotation
 
@@ -179,7 +179,9 @@ class Physics:
         }
         self._surface = set(plant.GetCollisionGeometriesForBody(self._object))
         source = builder.AddSystem(TrajectorySource(commands, 1))
-        builder.Connect(source.get_output_port(), plant.get_desired_state_input_port(added.hand))
+        to_servos = builder.AddSystem(MatrixGain(_servo_order(plant, added.hand, hand)))
+        builder.Connect(source.get_output_port(), to_servos.get_input_port())
+        builder.Connect(to_servos.get_output_port(), plant.get_desired_state_input_port(added.hand))
         diagram = builder.Build()
         self._inspector = scene_graph.model_inspector()
         self._simulator = Simulator(diagram)
@@ -284,6 +286,13 @@ def _actuator(plant: MultibodyPlant, joint: str) -> JointActuator:
         if plant.get_joint_actuator(i).joint().name() == joint:
             return plant.get_joint_actuator(i)
     raise AssertionError(f"joint {joint} has no actuator")  # add_hand_and_object gives each one
+
+
+def _servo_order(plant: MultibodyPlant, model: ModelInstanceIndex, hand: Hand) -> np.ndarray:
+    """(2 nq, 2 nq) what takes joints and rates in the hand's order to the plant's, which is that of the URDF."""
+    servos = [plant.get_joint_actuator(i).joint().name() for i in plant.GetJointActuatorIndices(model)]
+    order = [hand.joints.index(name) for name in servos]
+    return np.kron(np.eye(2), np.eye(hand.nq)[order])
 
 
 def _same_friction(

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import yaml
 from pydrake.geometry import AddCompliantHydroelasticProperties, AddRigidHydroelasticProperties, ProximityProperties
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -38,6 +39,21 @@ def test_servos_reach_what_they_are_told_but_for_the_fingers_weight():
     physics.advance(0.8)
     sag = np.abs(physics.q - q)
     assert 1e-4 < sag.max() < 0.01
+
+
+def test_servos_are_told_by_name_whatever_the_order_of_fingers_in_the_urdf(tmp_path):
+    spec = yaml.safe_load(HAND.file.read_text())
+    spec["urdf"], spec["fingers"] = str(HAND.urdf.file), spec["fingers"][::-1]
+    file = tmp_path / "reversed.hand.yaml"
+    file.write_text(yaml.safe_dump(spec))
+    hand = Hand.load(file)
+    assert list(hand.joints) != list(HAND.joints)
+    X = np.eye(4)
+    X[:3, 3] = [0.5, 0, 0]
+    q = hand.q_home + np.linspace(0.0, 0.2, hand.nq)
+    physics = Physics(hand, Object.load("pencil"), at_rest(q), X, gravity=GRAVITY, friction=0.8)
+    physics.advance(0.3)
+    np.testing.assert_allclose(physics.q, q, atol=0.01)
 
 
 def test_a_perturbed_start_is_where_the_fixture_holds():
