@@ -29,6 +29,7 @@ def margins(
     f_max: float = np.inf,
     J: np.ndarray | None = None,
     effort: np.ndarray | None = None,
+    drag_W: np.ndarray | None = None,
 ) -> np.ndarray:
     """The largest force with which every contact of a set can be pressed at once while the object is in balance.
 
@@ -49,6 +50,8 @@ def margins(
         f_max: largest normal force of a contact, N.
         J: (N, k, 3, m) translational Jacobian of each tip, m/rad; unused columns zero.
         effort: (k, m) largest joint torques, Nm.
+        drag_W: (N, k, 3) friction force over normal force of contacts that slide: kinetic friction along the sliding
+            tip's velocity, which is all the friction they have. Zero rows stick.
 
     Returns:
         (N,) margin, N. Negative where no balance exists: minus the part of the wrench that stays unbalanced
@@ -59,6 +62,7 @@ def margins(
         J, effort = np.zeros((N, k, 3, 1)), np.ones((k, 1))
     if J.shape[-1] == 1 and not math.isfinite(f_max) and not J.any():
         raise ValueError("forces are unbounded: give f_max, or J and effort")
+    drag = np.zeros((N, k, 3)) if drag_W is None else np.ascontiguousarray(drag_W, dtype=float)
     return _margins(
         np.ascontiguousarray(p_WP, dtype=float),
         np.ascontiguousarray(n_W, dtype=float),
@@ -70,11 +74,12 @@ def margins(
         1.0 / f_max,
         np.ascontiguousarray(J, dtype=float),
         np.ascontiguousarray(effort, dtype=float),
+        drag,
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort):
+def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
     N, k = mask.shape
     out = np.empty(N)
     tableau = np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2))
@@ -102,6 +107,7 @@ def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_i
                     f_max_inverse,
                     J[i, a],
                     effort[a],
+                    drag[i, a],
                 )
                 j += 1
         _frame(T, basis, c, columns, force_W[i])
@@ -110,7 +116,7 @@ def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort):
+def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag):
     """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row."""
     small = 0
     for x in range(1, 3):
@@ -123,6 +129,7 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
     t1x, t1y, t1z = t1x / norm, t1y / norm, t1z / norm
     t2x, t2y, t2z = n[1] * t1z - n[2] * t1y, n[2] * t1x - n[0] * t1z, n[0] * t1y - n[1] * t1x
     rx, ry, rz = p[0] - com[0], p[1] - com[1], p[2] - com[2]
+    slides = drag[0] != 0.0 or drag[1] != 0.0 or drag[2] != 0.0
     for x in range(_COLUMNS):
         column = j * _COLUMNS + x
         u, v, torsion = 0.0, 0.0, 0.0
@@ -132,6 +139,8 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
         else:
             torsion = friction * torsion_radius * (1.0 if x == EDGES else -1.0)
         fx, fy, fz = n[0] + u * t1x + v * t2x, n[1] + u * t1y + v * t2y, n[2] + u * t1z + v * t2z
+        if slides:
+            fx, fy, fz, torsion = n[0] + drag[0], n[1] + drag[1], n[2] + drag[2], 0.0
         T[0, column], T[1, column], T[2, column] = fx, fy, fz
         T[3, column] = (ry * fz - rz * fy + torsion * n[0]) / TORQUE_LENGTH
         T[4, column] = (rz * fx - rx * fz + torsion * n[1]) / TORQUE_LENGTH

@@ -17,6 +17,8 @@ SHORTFALL_COST = 20.0
 """Cost of a newton of missing preload, beside squared newtons of deviation from it."""
 SMOOTHNESS = 5.0
 """Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
+_FADE = 0.8
+"""What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
 _DAMPING = 2e-3
 """Of least squares near singular postures, m."""
 
@@ -32,7 +34,7 @@ class Forces:
     preload: np.ndarray
     """(n,) smallest normal force over its wanted share among the loaded contacts, N."""
     friction_used: np.ndarray
-    """(n,) largest share of the friction limit that a contact uses."""
+    """(n,) largest share of the friction limit that a contact uses that does not slide."""
 
 
 def balance_forces(
@@ -42,11 +44,12 @@ def balance_forces(
     *,
     p_WCom: np.ndarray,
     force_W: np.ndarray,
-    friction: float,
+    friction: float | np.ndarray,
     torsion_radius: float,
     J: np.ndarray,
     effort: np.ndarray,
-    preload: float,
+    preload: float | np.ndarray,
+    drag_W: np.ndarray | None = None,
     held: np.ndarray | None = None,
 ) -> Forces:
     """Forces that balance the object at every knot, as near as they can be to an even preload, and smooth.
@@ -64,11 +67,13 @@ def balance_forces(
             Ramped from 0 after `make` and to 0 before `break`, the forces are continuous over the whole path.
         p_WCom: (n, 3) centre of mass, m.
         force_W: (3,) or (n, 3) force on the object there, m (g - a), N.
-        friction: planned coefficient.
+        friction: planned coefficient, one or (n, k).
         torsion_radius: soft-finger torque limit over friction force, m.
         J: (n, k, 3, m) tip Jacobians, m/rad; unused columns zero.
         effort: (k, m) largest joint torques, Nm.
-        preload: normal force wanted at each fully loaded contact, N.
+        preload: normal force wanted at fully loaded contacts, one or (n, k), N.
+        drag_W: (n, k, 3) friction force over normal force of contacts that slide, which is all the friction they have;
+            zero where contacts stick.
         held: (n,) knots where a fixture holds the object and forces need not balance.
 
     Raises:
@@ -81,6 +86,10 @@ def balance_forces(
     if A == 0 and held.all():
         return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
     normal, share = n_W[knot, contact], load[knot, contact]
+    grip = np.broadcast_to(friction, (n, k))[knot, contact]
+    pressed = share * np.broadcast_to(preload, (n, k))[knot, contact]
+    drag = np.zeros((A, 3)) if drag_W is None else drag_W[knot, contact]
+    slides = np.flatnonzero(drag.any(axis=1))
     t1, t2 = _tangents(normal)
     columns = np.arange(3 * A).reshape(A, 3)  # x = forces (A, 3), torsion / radius (A,), shortfall (n,)
     twist, shortfall = 3 * A + a, 4 * A + np.arange(n)
@@ -119,7 +128,7 @@ def balance_forces(
     rows(
         (three, columns, -normal),
         (a, shortfall[knot], -share),
-        bound=-share * preload,
+        bound=-pressed,
         cone=[clarabel.NonnegativeConeT(A)],
     )
     rows((np.arange(n), shortfall, -np.ones(n)), bound=np.zeros(n), cone=[clarabel.NonnegativeConeT(n)])
@@ -133,9 +142,20 @@ def balance_forces(
     reach = np.min(effort[contact] / np.maximum(np.abs(np.einsum("aim,ai->am", torque, normal)), 1e-6), axis=1)
     rows((three, columns, normal), bound=share * np.minimum(reach, 1e3), cone=[clarabel.NonnegativeConeT(A)])
 
+    # contacts that slide: friction is where it drags the object, and there is no torsion
+    if len(slides):
+        S = len(slides)
+        r, c = np.broadcast_to(np.arange(S)[:, None], (S, 3)), columns[slides]
+        for t in (t1[slides], t2[slides]):
+            along = np.sum(t * drag[slides], axis=1)[:, None]
+            rows((r, c, t - along * normal[slides]), bound=np.zeros(S), cone=[clarabel.ZeroConeT(S)])
+        rows((np.arange(S), twist[slides], np.ones(S)), bound=np.zeros(S), cone=[clarabel.ZeroConeT(S)])
+
     # friction cones with torsion: (friction N, t1 f, t2 f, torsion / radius) in the second-order cone
+    cone = grip.copy()
+    cone[slides] = 2 * np.linalg.norm(drag[slides], axis=1)  # never reached
     rows(
-        (4 * three, columns, -friction * normal),
+        (4 * three, columns, -cone[:, None] * normal),
         (4 * three + 1, columns, -t1),
         (4 * three + 2, columns, -t2),
         (4 * a + 3, twist, -one),
@@ -143,7 +163,7 @@ def balance_forces(
         cone=[clarabel.SecondOrderConeT(4)] * A,
     )
 
-    P, q = _cost(knot, contact, columns, twist, shortfall, share[:, None] * preload * normal, size, k)
+    P, q = _cost(knot, contact, columns, twist, shortfall, pressed[:, None] * normal, size, k)
     matrix = sparse.coo_matrix(
         (
             np.concatenate([v for _, _, v in blocks]),
@@ -163,7 +183,8 @@ def balance_forces(
     f_W[knot, contact] = f
     torsion[knot, contact] = x[twist] * torsion_radius
     N = np.sum(f * normal, axis=1)
-    used = np.sqrt(np.sum((f - N[:, None] * normal) ** 2, axis=1) + x[twist] ** 2) / (friction * np.maximum(N, 1e-9))
+    used = np.sqrt(np.sum((f - N[:, None] * normal) ** 2, axis=1) + x[twist] ** 2) / (grip * np.maximum(N, 1e-9))
+    used[slides] = 0.0
     least, most = np.full(n, np.inf), np.zeros(n)
     np.minimum.at(least, knot, N / share)
     np.maximum.at(most, knot, used)
@@ -219,7 +240,12 @@ def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | flo
 
 
 def roll_correction(
-    depth: np.ndarray, n_W: np.ndarray, R_WT: np.ndarray, R_WO: np.ndarray, touching: np.ndarray
+    depth: np.ndarray,
+    n_W: np.ndarray,
+    R_WT: np.ndarray,
+    R_WO: np.ndarray,
+    touching: np.ndarray,
+    sliding: np.ndarray | None = None,
 ) -> np.ndarray:
     """How far a compressed tip's centre has to move aside so that it rolls where the uncompressed one would.
 
@@ -234,6 +260,7 @@ def roll_correction(
         R_WT: (n, k, 3, 3) orientation of the tips.
         R_WO: (n, 3, 3) orientation of the object.
         touching: (n, k) where there is contact.
+        sliding: (n, k) where the tip slides: what it has gathered fades, since the point it belongs to is left.
 
     Returns:
         (n, k, 3) displacement of tip centres, zero where there is no contact, m.
@@ -243,7 +270,8 @@ def roll_correction(
         n, n0 = n_W[j], n_W[j - 1]
         turned = Rotation.from_matrix(R_WT[j] @ R_WT[j - 1].transpose(0, 2, 1)).as_rotvec()
         slipped = 0.5 * (depth[j] + depth[j - 1])[:, None] * (n - n0 - np.cross(turned, 0.5 * (n + n0)))
-        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T - slipped
+        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T
+        moved = moved - slipped if sliding is None else np.where(sliding[j][:, None], _FADE * moved, moved - slipped)
         moved -= n * np.sum(n * moved, axis=1, keepdims=True)
         out[j] = np.where((touching[j] & touching[j - 1])[:, None], moved, 0.0)
     return out

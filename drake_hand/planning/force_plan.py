@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,10 +10,14 @@ from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
+from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.path import Leg
+from drake_hand.planning.slide import directions
 
+LIGHT = 0.2
+"""Normal force with which a finger slides, N: twice the least a contact may have."""
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
 
@@ -30,11 +34,11 @@ def with_ramps(legs: list[Leg]) -> list[Leg]:
             p_OP={name: np.repeat(p[:1], n, axis=0) for name, p in leg.p_OP.items()},
         )
 
-    return [refine(leg) if _dwells(leg) else leg for leg in legs]
+    return [refine(leg) if _rests(leg) else leg for leg in legs]
 
 
-def _dwells(leg: Leg) -> bool:
-    return len(leg.q) == 2 and bool(np.array_equal(leg.q[0], leg.q[1]))
+def _rests(leg: Leg) -> bool:
+    return bool((leg.q == leg.q[0]).all())
 
 
 def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium) -> list[Leg]:
@@ -86,22 +90,25 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         # Over the expanded surface the normal turns by 1 / (R + r); r times that tells how curved the surface is.
         turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
         bend[rows, i] = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
+    light = _slides(legs, starts, hand, q, J, normal)
+    friction = np.where(light.easing, holding.sliding_friction, holding.friction)
     forces = balance_forces(
         p,
         -normal,
         load,
         p_WCom=X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3],
         force_W=holding.force_W,
-        friction=holding.friction,
+        friction=friction,
         torsion_radius=holding.torsion_radius,
         J=J,
         effort=np.where(np.isfinite(holding.effort), holding.effort, 1e3),
-        preload=holding.TARGET_PRELOAD,
+        preload=holding.TARGET_PRELOAD + light.share * (LIGHT - holding.TARGET_PRELOAD),
+        drag_W=holding.sliding_friction * light.slip_W,
         held=held,
     )
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
-    moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching)
+    moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
     offset = joint_offsets(hand, J, forces.f_W, moved)
     knots = np.arange(n)
     for finger, on in zip(hand.fingers, touching.T, strict=True):
@@ -115,6 +122,38 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
         out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
     return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Light:
+    """What sliding makes of contacts, by knot and finger."""
+
+    share: np.ndarray
+    """(n, k) 0 sticks with all its force, 1 slides with a light touch, in between where one becomes the other."""
+    easing: np.ndarray
+    """(n, k) bool: in between."""
+    slip_W: np.ndarray
+    """(n, k, 3) unit direction of sliding, zero where it does not."""
+
+
+def _slides(
+    legs: list[Leg], starts: np.ndarray, hand: Hand, q: np.ndarray, J_WP: np.ndarray, normal: np.ndarray
+) -> _Light:
+    share, slip_W = np.zeros(normal.shape[:2]), np.zeros_like(normal)
+    for x, leg in enumerate(legs):
+        rows = slice(int(starts[x]), int(starts[x + 1]) + 1)
+        for i, finger in enumerate(hand.fingers):
+            if leg.mode[i] != "2":
+                continue
+            if not _rests(leg):
+                share[rows, i] = 1.0
+                m = len(finger.columns)
+                slip_W[rows, i] = directions(q[rows][:, finger.columns], J_WP[rows, i, :, :m], normal[rows, i])
+            else:  # before the slide the touch becomes lighter, after it firmer
+                rise = np.linspace(0, 1, len(leg.q))
+                before = legs[x - 1].mode[i] != "2"
+                share[rows, i] = np.maximum(share[rows, i], rise if before else rise[::-1])
+    return _Light(share=share, easing=(share > 0) & ~slip_W.any(axis=2), slip_W=slip_W)
 
 
 def _loads(legs: list[Leg], starts: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,7 +14,13 @@ class Holding(Protocol):
     """Judges sets of contacts."""
 
     def margins(
-        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+        self,
+        p_WP: np.ndarray,
+        n_W: np.ndarray,
+        J_WP: np.ndarray,
+        mask: np.ndarray,
+        p_WCom: np.ndarray,
+        slip_W: np.ndarray | None = None,
     ) -> np.ndarray:
         """How well each set holds the object.
 
@@ -24,6 +30,7 @@ class Holding(Protocol):
             J_WP: (N, n, 3, m) Jacobians of the tips' contact points, m/rad (zero columns for joints a finger lacks).
             mask: (N, n) which fingers are in contact.
             p_WCom: (N, 3) the object's mass centre, m.
+            slip_W: (N, n, 3) unit direction in which a tip slides over the object; zero where it does not.
 
         Returns:
             (N,) >= 0 where the set holds; the more the better.
@@ -38,7 +45,13 @@ class Kinematic:
         self.min_contacts = min_contacts
 
     def margins(
-        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+        self,
+        p_WP: np.ndarray,
+        n_W: np.ndarray,
+        J_WP: np.ndarray,
+        mask: np.ndarray,
+        p_WCom: np.ndarray,
+        slip_W: np.ndarray | None = None,
     ) -> np.ndarray:
         """From 0 to one half by how well the normals oppose one another, if the contacts are enough."""
         count = mask.sum(axis=1)
@@ -68,17 +81,28 @@ class Equilibrium:
             preload: normal force every contact must be able to bear beside the balance, N.
         """
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
+        self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]
 
     def margins(
-        self, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, mask: np.ndarray, p_WCom: np.ndarray
+        self,
+        p_WP: np.ndarray,
+        n_W: np.ndarray,
+        J_WP: np.ndarray,
+        mask: np.ndarray,
+        p_WCom: np.ndarray,
+        slip_W: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Preload every contact can be given, less the one wanted, N."""
-        return (
-            margins(
+        """Preload every contact can be given, less the one wanted, N.
+
+        A finger that slides drags the object along with all its friction, or with hardly any: either must be borne.
+        """
+
+        def least(drag_W: np.ndarray | None) -> np.ndarray:
+            return margins(
                 p_WP,
                 -n_W,
                 mask,
@@ -88,6 +112,9 @@ class Equilibrium:
                 torsion_radius=self.torsion_radius,
                 J=J_WP,
                 effort=self.effort,
+                drag_W=drag_W,
             )
-            - self.preload
-        )
+
+        if slip_W is None:
+            return least(None) - self.preload
+        return np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W)) - self.preload

@@ -58,6 +58,20 @@ class LegBuilder:
         self.sliding.remove(finger)
         self._event("stick", finger)
 
+    def slide(self, finger: int, way: np.ndarray, points: np.ndarray) -> None:
+        """A finger slides along joints (n, m) and contact points in O (n, 3); the object rests.
+
+        It lightens its touch before and takes it up again after, already sliding by name: its friction is not what it
+        was while it rolled.
+        """
+        self.dwell()
+        self.slip(finger)
+        self.dwell()
+        self.move({finger: way}, {finger: points})
+        self.dwell()
+        self.stick(finger)
+        self.dwell()
+
     def dwell(self) -> None:
         """Everything at rest in this mode: where forces are handed over."""
         self._add(np.repeat(self.q[None], 2, axis=0), np.repeat(self.X_WO[None], 2, axis=0), {})
@@ -102,22 +116,28 @@ class LegBuilder:
 
 
 def gait(builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
-    """Appends what the search found: advance, lift one finger, set it down, advance..."""
+    """Appends what the search found: advance, lift one finger and set it down or slide it on, advance..."""
     path = search.reach.path
     for i, node in enumerate(nodes):
         if i:
-            finger = node.holds[node.slot].finger
-            builder.regrasps += 1
-            builder.dwell()
-            builder.break_(finger)
-            for way in node.ways:
-                builder.move({finger: way})
-            X = path.X_WO[node.tick]
-            contact = node.holds[node.slot].at(node.tick)[1]
-            builder.make(finger, X[:3, :3].T @ (contact - X[:3, 3]))
-            builder.dwell()
+            _regrasp(builder, node, path.X_WO[node.tick])
         until = nodes[i + 1].tick if i + 1 < len(nodes) else path.ticks
         stops = [s for s in path.stops if node.tick < s < until]
         for first, last in zip([node.tick, *stops], [*stops, until], strict=True):
             if last > first:
                 builder.carry(node.holds, path.X_WO, first, last)
+
+
+def _regrasp(builder: LegBuilder, node: Node, X_WO: np.ndarray) -> None:
+    finger = node.holds[node.slot].finger
+    if node.points is not None:
+        builder.slide(finger, node.ways[0], node.points)
+        return
+    builder.regrasps += 1
+    builder.dwell()
+    builder.break_(finger)
+    for way in node.ways:
+        builder.move({finger: way})
+    contact = node.holds[node.slot].at(node.tick)[1]
+    builder.make(finger, X_WO[:3, :3].T @ (contact - X_WO[:3, 3]))
+    builder.dwell()

@@ -261,12 +261,19 @@ class Run:
         self.expansions += search.expansions
         if nodes is not None:
             yield built(nodes)
-        with self.stage("grasp"):
-            roots = self._grasps(waiting, search, fingers)
-        while roots:
-            nodes = self._found(search, roots)
-            yield built(nodes)
-            roots = [holds for holds in roots if tuple(holds) != nodes[0].holds]
+        failures: list[NoPlanFound] = []
+        for roots in self._grasps(waiting, search, fingers):
+            try:
+                while roots:
+                    nodes = self._found(search, roots)
+                    yield built(nodes)
+                    roots = [holds for holds in roots if tuple(holds) != nodes[0].holds]
+            except NoPlanFound as e:
+                failures.append(e)
+                if e.status == "timeout":
+                    break
+        if failures:
+            raise max(failures, key=lambda e: e.evidence["progress"])
 
     def _carry(self, builder: LegBuilder, path: ObjectPath) -> None:
         """Moves the object along the path with the fingers that touch it now."""
@@ -323,12 +330,15 @@ class Run:
             preload=PRELOAD,
         )
 
-    def _allowed(self, touching: frozenset[int]) -> bool:
+    def _allowed(self, touching: frozenset[int], sliding: frozenset[int] = frozenset()) -> bool:
         modes = self.task.options.modes
-        return modes is None or code(self.hand, touching) in modes
+        return modes is None or code(self.hand, touching, sliding) in modes
 
-    def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[list[Hold]]:
-        """Sets of contacts that can be approached, those that carry the object farthest first."""
+    def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> Iterator[list[list[Hold]]]:
+        """Sets of contacts that can be approached, a few at a time.
+
+        In turn one of those that carry the object farthest and one of those from which most fingers can be lifted.
+        """
         table, rng, X = search.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
         mode = code(self.hand, fingers)
         for i in fingers:
@@ -339,19 +349,27 @@ class Run:
                 raise no_plan(what, mode=mode, finger=name, constraint=word, X_WO=X)
         if not self._allowed(frozenset(fingers)):
             raise no_plan("a grasp needs a mode that options.modes leaves out", mode=mode, constraint="modes", X_WO=X)
+        with self.stage("grasp"):
+            roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)]
+            reached = [search.reaches(holds) for holds in roots]
+        farthest = sorted(range(len(roots)), key=lambda k: -reached[k])
+        order = dict.fromkeys(itertools.chain.from_iterable(zip(farthest, range(len(roots)), strict=True)))
         able: list[list[Hold]] = []
-        roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)]
-        for holds in sorted(roots, key=search.reaches, reverse=True):
-            if approach.close(builder.copy(), self.clearance, holds):
-                able.append(holds)
-                if len(able) == GRASPS:
-                    return able
-        if not able:
+        found = False
+        for k in order:
+            with self.stage("grasp"):
+                if approach.close(builder.copy(), self.clearance, roots[k]):
+                    able.append(roots[k])
+            if len(able) == GRASPS:
+                yield able
+                found, able = True, []
+        if able:
+            yield able
+        elif not found:
             none = "none of the sets of contacts tried"
             if roots:
                 raise no_plan(f"{none} can be approached without a collision", mode=mode, constraint="approach", X_WO=X)
             raise no_plan(f"{none} holds the object clear of collisions", mode=mode, constraint="hold", X_WO=X)
-        return able
 
     def _check_palm(self, path: ObjectPath) -> None:
         """Refuses paths on which the object runs into the palm, whatever the fingers do."""

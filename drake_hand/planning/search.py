@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.planning import slide
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.gait import Gait
@@ -33,6 +34,8 @@ OPTIONS = 60
 """... out of so many that last longest."""
 COARSE = 4
 """On objects that are not symmetric, contacts are made at multiples of this many ticks, so that tables are shared."""
+SLIDE_COST = 0.5
+"""Regrasps by which a slide ranks behind a lift."""
 GAIN = 3
 """A regrasp has to prolong its finger's hold by this many ticks."""
 
@@ -60,7 +63,9 @@ class Node:
     slot: int = -1
     """Which hold is new."""
     ways: tuple[np.ndarray, ...] = ()
-    """The moved finger's pieces of way: lift, travel..., landing; each (n, m)."""
+    """The moved finger's pieces of way: lift, travel..., landing; each (n, m). One if it slides."""
+    points: np.ndarray | None = None
+    """(n, 3) contact points in O along the way of a finger that slides; None where it is lifted."""
 
     @property
     def signature(self) -> tuple:
@@ -87,8 +92,8 @@ class Search:
 
     reach: ReachTable
     holding: Holding
-    allowed: Callable[[frozenset[int]], bool]
-    """Whether the mode with these finger indices in contact may be used."""
+    allowed: Callable[[frozenset[int], frozenset[int]], bool]
+    """Whether the mode with these finger indices in contact, some of them sliding, may be used."""
     deadline: float
     """When to give up (monotonic clock) ..."""
     patience: int | None = None
@@ -130,7 +135,7 @@ class Search:
                 raise self._failure("timeout", "out of time", farthest)
             if self.patience is not None and self.expansions >= self.patience:
                 raise self._failure("timeout", f"gave up after {self.patience} nodes", farthest)
-            if node.parent is not None:
+            if node.parent is not None and node.points is None:
                 ways = self._transit(node)
                 if ways is None:
                     continue
@@ -186,7 +191,7 @@ class Search:
         liftable = np.zeros((len(ends), len(ticks)), dtype=bool)
         everyone = frozenset(h.finger for h in node.holds)
         for s, h in enumerate(node.holds):
-            if len(ticks) and self.allowed(everyone - {h.finger}):
+            if len(ticks) and self.allowed(everyone - {h.finger}, frozenset()):
                 liftable[s] = self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0
         return Limits(last=last, liftable=liftable, why=why, slot=culprit)
 
@@ -216,23 +221,58 @@ class Search:
         return end if clear.all() else tick + int(np.argmin(clear)) - 1
 
     def _children(self, node: Node, limits: Limits, goal: int):
-        """Regrasps worth trying from a node: (child, bonus on its rank)."""
+        """Regrasps worth trying from a node: (child, bonus on its rank). What cannot be lifted may be slid."""
         for slot, held in enumerate(node.holds):
             free = np.flatnonzero(limits.liftable[slot])
             if not len(free):
+                span = max(limits.last - node.tick, 0)
+                for t in sorted({self._snapped(node.tick + x, node.tick) for x in (span, span // 2)}):
+                    yield from self._slides(node, slot, held, t, goal)
                 continue
             wanted = {int(free[-1]), int(free[len(free) // 2])}
             if slot != node.slot:
                 wanted.add(int(free[0]))
             ticks = set()
             for x in wanted:
-                t = node.tick + x
-                snapped = t - t % COARSE
-                if not self.reach.symmetric and snapped >= node.tick and limits.liftable[slot, snapped - node.tick]:
-                    t = snapped
-                ticks.add(t)
+                t = self._snapped(node.tick + x, node.tick)
+                ticks.add(t if limits.liftable[slot, t - node.tick] else node.tick + x)
             for t in sorted(ticks):
                 yield from self._regrasps(node, slot, held, t, goal)
+
+    def _snapped(self, t: int, first: int) -> int:
+        """The tick at which contacts are made: on objects that are not symmetric one whose tables are shared."""
+        snapped = t - t % COARSE
+        return snapped if not self.reach.symmetric and snapped >= first else t
+
+    def _slides(self, node: Node, slot: int, held: Hold, t: int, goal: int):
+        """Contacts the finger could slide to, the object held all the way."""
+        if t > held.end or not self.allowed(frozenset(h.finger for h in node.holds), frozenset({held.finger})):
+            return
+        around = self._around(node, slot, t)
+        table = self.reach.contacts(held.finger, t)
+        lasting = np.minimum(t + table.length - 1, goal) >= min(held.end + GAIN, goal)
+        rows = np.flatnonzero(lasting)[:OPTIONS]
+        if not len(rows):
+            return
+        targets = [replace(table.holds[j], birth=t) for j in rows]
+        contacts, found = self._arrays(node.holds, np.array([t])), 0
+        for target, q, points in slide.towards(self.reach, around, held, t, targets):
+            if slide.holds(self.reach, self.holding, contacts, around.X_WO, held.finger, q, points):
+                new = tuple(target if s == slot else h for s, h in enumerate(node.holds))
+                child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot, ways=(q,), points=points)
+                yield child, SLIDE_COST
+                found += 1
+                if found == CHILDREN:
+                    return
+
+    def _around(self, node: Node, slot: int, t: int) -> Surroundings:
+        """What a finger that leaves its contact at a tick has to keep clear of."""
+        others = tuple(
+            (h.finger, self.reach.centres(h)[t - h.birth][None]) for s, h in enumerate(node.holds) if s != slot
+        )
+        return Surroundings(
+            clearance=self.reach.clearance, X_WO=self.reach.path.X_WO[t], others=others + self.reach.parked
+        )
 
     def _regrasps(self, node: Node, slot: int, held: Hold, t: int, goal: int):
         table = self.reach.contacts(held.finger, t)
@@ -302,10 +342,7 @@ class Search:
         """Way of the moved finger from its old contact to its new one, all else at rest."""
         assert node.parent is not None
         old, new, t = node.parent.holds[node.slot], node.holds[node.slot], node.tick
-        others = tuple((h.finger, self.reach.centres(h)[t - h.birth][None]) for h in node.holds if h is not new)
-        around = Surroundings(
-            clearance=self.reach.clearance, X_WO=self.reach.path.X_WO[t], others=others + self.reach.parked
-        )
+        around = self._around(node, node.slot, t)
         qa, _, na = old.at(t)
         qb, _, nb = new.at(t)
         ends = []
@@ -366,7 +403,9 @@ class Search:
                 if min(h.end for h in at.holds) >= goal or tick >= goal:
                     return chain
                 holds = tuple(replace(h, birth=h.birth + turn * period) for h in step.holds)
-                at = Node(tick=tick, holds=holds, g=at.g + 1, parent=at, slot=step.slot, ways=step.ways)
+                at = Node(
+                    tick=tick, holds=holds, g=at.g + 1, parent=at, slot=step.slot, ways=step.ways, points=step.points
+                )
                 chain.append(at)
             turn += 1
 

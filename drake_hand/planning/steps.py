@@ -9,17 +9,17 @@ from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
 from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.grasp import lifts, stack
+from drake_hand.planning.grasp import stack
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import EDGE, Hold, ReachTable
+from drake_hand.planning.slide import SLIDE_STEP
+from drake_hand.planning.slide import holds as slide_holds
 from drake_hand.planning.transit import Surroundings
 
 TOUCH = 1e-4
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
-SLIDE_STEP = 1e-3
-"""Between knots of a slide, m."""
 OPPOSED = np.cos(np.radians(30.0))
 """A contact pushes if its normal is within 30 deg of opposing the push."""
 _CONTACT = 1e-5
@@ -101,9 +101,7 @@ def slide(
     table = ReachTable(clearance, still(X), model)
     holds = current_holds(builder, table)
     n, m = len(hand.fingers), max(len(f.joints) for f in hand.fingers)
-    p, normal, J, mask = stack([holds], np.zeros(1, dtype=int), n, m)
-    if holding.margins(p, normal, J, lifts(mask)[:, finger], table.p_WCom(np.zeros(1, dtype=int)))[0] < 0:
-        fail("cannot slide: the others do not hold the object", "hold")
+    contacts = (*stack([holds], np.zeros(1, dtype=int), n, m), table.p_WCom(np.zeros(1, dtype=int)))
     kin, columns = clearance.kinematics[finger], hand.fingers[finger].columns
     u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP)) + 1))[:, None]
     p_OP, n_O = clearance.surface.move(np.repeat(builder.touching[finger][None], len(u), axis=0), u * s)
@@ -116,14 +114,12 @@ def slide(
         if residual[0] > _CONTACT:
             fail(f"cannot slide farther than {1e3 * np.linalg.norm(u[len(way) - 1] * s):.1f} mm", "joint limit")
         way.append(q[0])
+    if not slide_holds(table, holding, contacts, X, finger, np.stack(way), p_OP):
+        fail("cannot slide: the others do not hold the object", "hold")
     around = Surroundings.of(clearance, builder.q, X, finger)
     if (around.clear(finger, np.stack(way), tip=False) < CLEARANCE).any():
         fail("would hit something as it slides", "collision")
-    builder.dwell()
-    builder.slip(finger)
-    builder.move({finger: np.stack(way)}, {finger: p_OP})
-    builder.stick(finger)
-    builder.dwell()
+    builder.slide(finger, np.stack(way), p_OP)
 
 
 def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Model, finger: int) -> None:
