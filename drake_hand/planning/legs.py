@@ -8,9 +8,10 @@ import numpy as np
 
 from drake_hand.model.hand import Hand
 from drake_hand.planning.failure import code
+from drake_hand.planning.moves import Node
+from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.path import Leg
 from drake_hand.planning.reach import Hold
-from drake_hand.planning.search import Node, Search
 
 
 class LegBuilder:
@@ -115,9 +116,8 @@ class LegBuilder:
         self.q, self.X_WO = q[-1], X_WO[-1]
 
 
-def gait(builder: LegBuilder, search: Search, nodes: list[Node]) -> None:
+def gait(builder: LegBuilder, path: ObjectPath, nodes: list[Node]) -> None:
     """Appends what the search found: advance, lift one finger and set it down or slide it on, advance..."""
-    path = search.reach.path
     for i, node in enumerate(nodes):
         if i:
             _regrasp(builder, node, path.X_WO[node.tick])

@@ -21,10 +21,11 @@ from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.legs import gait as gait_legs
+from drake_hand.planning.moves import Moves, Node
 from drake_hand.planning.object_path import ObjectPath, build
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.search import Node, Progress, Search
+from drake_hand.planning.search import Progress, Search
 from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
@@ -254,10 +255,10 @@ class Run:
                 closed = approach.close(builder, self.clearance, list(nodes[0].holds))
                 assert closed, "grasps handed to the search can be approached"
                 builder.dwell()
-                gait_legs(builder, search, nodes)
+                gait_legs(builder, path, nodes)
             return builder
 
-        nodes = self._gait(waiting, search, fingers, path)
+        nodes = self._gait(waiting, search, fingers)
         self.expansions += search.expansions
         if nodes is not None:
             yield built(nodes)
@@ -283,8 +284,8 @@ class Run:
             q_parked = approach.park(self.clearance, path, free, builder.q, builder.touching)
             steps.settle(builder, self.clearance, q_parked)
             search = self._search(self._table(path, builder.q, free), None)
-            holds = steps.current_holds(builder, search.reach)
-        gait_legs(builder, search, self._found(search, [holds]))
+            holds = steps.current_holds(builder, search.moves.reach)
+        gait_legs(builder, path, self._found(search, [holds]))
 
     def _found(self, search: Search, roots: list[list[Hold]]) -> list[Node]:
         before = search.expansions
@@ -294,25 +295,23 @@ class Run:
             finally:
                 self.expansions += search.expansions - before
 
-    def _gait(self, builder: LegBuilder, search: Search, fingers: list[int], path: ObjectPath) -> list[Node] | None:
+    def _gait(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[Node] | None:
         """A periodic gait, where the path turns a symmetric object far enough for one."""
-        if not self._periodic(search.reach):
+        if not self._periodic(search.moves.reach):
             return None
         with self.stage("gait"):
             rng = np.random.default_rng(self.task.options.seed)
-            found = gait.find(search.reach, fingers, search.holding, self._allowed, rng, enough=ENOUGH)
+            found = gait.find(search.moves.reach, fingers, search.moves.holding, self._allowed, rng, enough=ENOUGH)
             for candidate in found:
                 if approach.close(builder.copy(), self.clearance, list(candidate.holds)):
-                    nodes = search.periodic(candidate, path.ticks)
+                    nodes = search.periodic(candidate)
                     if nodes is not None:
                         return nodes
         return None
 
     def _search(self, table: ReachTable, patience: int | None) -> Search:
         return Search(
-            reach=table,
-            holding=self._holding(),
-            allowed=self._allowed,
+            moves=Moves(reach=table, holding=self._holding(), allowed=self._allowed),
             deadline=self.deadline,
             patience=patience,
             progress=self.progress,
@@ -339,7 +338,7 @@ class Run:
 
         In turn one of those that carry the object farthest and one of those from which most fingers can be lifted.
         """
-        table, rng, X = search.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
+        table, rng, X = search.moves.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
         mode = code(self.hand, fingers)
         for i in fingers:
             if not table.longest(i):
@@ -350,7 +349,7 @@ class Run:
         if not self._allowed(frozenset(fingers)):
             raise no_plan("a grasp needs a mode that options.modes leaves out", mode=mode, constraint="modes", X_WO=X)
         with self.stage("grasp"):
-            roots = [holds for _, holds in grasp.select(table, fingers, search.holding, rng)]
+            roots = [holds for _, holds in grasp.select(table, fingers, search.moves.holding, rng)]
             reached = [search.reaches(holds) for holds in roots]
         farthest = sorted(range(len(roots)), key=lambda k: -reached[k])
         order = dict.fromkeys(itertools.chain.from_iterable(zip(farthest, range(len(roots)), strict=True)))

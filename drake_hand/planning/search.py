@@ -1,9 +1,9 @@
 """Search over the hybrid automaton for the sequence of regrasps that carries the object along its path.
 
-A node is (tick, holds): the mode and its contacts. Edges: advance in this mode as far as reach, clearance and
-holding allow, then lift one finger and set it down elsewhere (break, transit, make) while the others hold. Weighted
-A* on the number of regrasps; nodes, holds and transits are made lazily. On a symmetric object a state that comes
-back closes a periodic gait, which is then repeated instead of searched.
+A node is (tick, holds): the mode and its contacts. Edges are the moves of `moves.py`: advance in this mode, then set
+one finger down elsewhere while the others hold. Weighted A* on the number of regrasps; nodes, holds and transits are
+made lazily. On a symmetric object a state that comes back closes a periodic gait, which is then repeated instead of
+searched.
 """
 
 from __future__ import annotations
@@ -12,32 +12,18 @@ import heapq
 import itertools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning import slide
-from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.gait import Gait
-from drake_hand.planning.grasp import lifts
-from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.transit import LIFTS, Surroundings, detour, lift, straight
+from drake_hand.planning.moves import Limits, Moves, Node, chain
+from drake_hand.planning.reach import Hold
 
 WEIGHT = 1.5
 """Of the heuristic: above 1 goes for the end sooner at the price of at most that many times the regrasps."""
-CHILDREN = 5
-"""Contacts tried per finger and tick ..."""
-OPTIONS = 60
-"""... out of so many that last longest."""
-COARSE = 4
-"""On objects that are not symmetric, contacts are made at multiples of this many ticks, so that tables are shared."""
-SLIDE_COST = 0.5
-"""Regrasps by which a slide ranks behind a lift."""
-GAIN = 3
-"""A regrasp has to prolong its finger's hold by this many ticks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,55 +38,17 @@ class Progress:
     elapsed_s: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Node:
-    """Holds from a tick on; how they came about."""
-
-    tick: int
-    holds: tuple[Hold, ...]
-    g: int = 0
-    parent: Node | None = None
-    slot: int = -1
-    """Which hold is new."""
-    ways: tuple[np.ndarray, ...] = ()
-    """The moved finger's pieces of way: lift, travel..., landing; each (n, m). One if it slides."""
-    points: np.ndarray | None = None
-    """(n, 3) contact points in O along the way of a finger that slides; None where it is lifted."""
-
-    @property
-    def signature(self) -> tuple:
-        """Equal for equal configurations of a symmetric object."""
-        return tuple((h.table, self.tick - h.birth) for h in self.holds)
-
-
-@dataclass(kw_only=True)
-class Limits:
-    """How far a node can advance, and which finger could be lifted where."""
-
-    last: int
-    liftable: np.ndarray
-    """(slots, ticks from the node's to `last`) bool."""
-    why: str
-    """What stops it there."""
-    slot: int | None = None
-    """The hold that stops it, if one does."""
-
-
 @dataclass
 class Search:
     """One search; see the module."""
 
-    reach: ReachTable
-    holding: Holding
-    allowed: Callable[[frozenset[int], frozenset[int]], bool]
-    """Whether the mode with these finger indices in contact, some of them sliding, may be used."""
+    moves: Moves
     deadline: float
     """When to give up (monotonic clock) ..."""
     patience: int | None = None
     """... or after how many expansions."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
-    _pairs: dict = field(default_factory=dict)
 
     def run(self, roots: list[list[Hold]]) -> list[Node]:
         """Finds the nodes from a root to the end of the path.
@@ -114,16 +62,14 @@ class Search:
         Raises:
             NoPlanFound: nothing left to try (``infeasible``) or out of time (``timeout``).
         """
-        goal, started, tie = self.reach.path.ticks, time.monotonic(), itertools.count()
-        fingers = [h.finger for h in roots[0]]
-        self._stroke = [max(self.reach.longest(f), 2) for f in fingers]
+        goal, started, tie = self.moves.goal, time.monotonic(), itertools.count()
         heap: list[tuple[float, int, int, Node]] = []
         for holds in roots:
             node = Node(tick=0, holds=tuple(holds))
-            heapq.heappush(heap, (WEIGHT * self._to_go(node.holds, goal), 0, next(tie), node))
+            heapq.heappush(heap, (WEIGHT * self._to_go(node.holds), 0, next(tie), node))
         closed: set[tuple] = set()
         first = Node(tick=0, holds=tuple(roots[0]))
-        nowhere = np.zeros((len(fingers), 0), dtype=bool)
+        nowhere = np.zeros((len(roots[0]), 0), dtype=bool)
         farthest = (-1, first, Limits(last=-1, liftable=nowhere, why="time limit"))
         while heap:
             f, _, _, node = heapq.heappop(heap)
@@ -136,11 +82,11 @@ class Search:
             if self.patience is not None and self.expansions >= self.patience:
                 raise self._failure("timeout", f"gave up after {self.patience} nodes", farthest)
             if node.parent is not None and node.points is None:
-                ways = self._transit(node)
+                ways = self.moves.transit(node)
                 if ways is None:
                     continue
                 node = replace(node, ways=ways)
-            limits = self._limits(node, goal)
+            limits = self.moves.limits(node)
             self.expansions += 1
             if limits.last > farthest[0]:
                 farthest = (limits.last, node, limits)
@@ -154,225 +100,33 @@ class Search:
                 )
             )
             if limits.last >= goal:
-                return _chain(node)
-            if self.reach.symmetric:
-                repeated = self._repeat(node, goal)
+                return chain(node)
+            if self.moves.reach.symmetric:
+                repeated = self._repeat(node)
                 if repeated is not None:
                     return repeated
-            for child, bonus in self._children(node, limits, goal):
-                rank = child.g + WEIGHT * self._to_go(child.holds, goal) + bonus
+            for child, bonus in self.moves.children(node, limits):
+                rank = child.g + WEIGHT * self._to_go(child.holds) + bonus
                 heapq.heappush(heap, (rank, -child.tick, next(tie), child))
         raise self._failure("infeasible", "nothing left to try", farthest)
 
-    def _to_go(self, holds: tuple[Hold, ...], goal: int) -> float:
+    def _to_go(self, holds: tuple[Hold, ...]) -> float:
         """Regrasps still needed: every finger has to be set down again until it lasts to the end."""
-        return sum(max(0, goal - h.end) / max(s - 1, 1) for h, s in zip(holds, self._stroke, strict=True))
-
-    def _limits(self, node: Node, goal: int) -> Limits:
-        ends = [h.end for h in node.holds]
-        slot = int(np.argmin(ends))
-        last, why = min(ends[slot], goal), node.holds[slot].limited_by
-        culprit: int | None = slot
-        for a, b in itertools.combinations(node.holds, 2):
-            free = self._clear_until(a, b, node.tick)
-            if free < last:
-                last, culprit = free, None
-                why = f"collision of {self._name(a)} with {self._name(b)}"
-        if last < node.tick:
-            return Limits(last=node.tick - 1, liftable=np.zeros((len(ends), 0), dtype=bool), why=why, slot=culprit)
-        ticks = np.arange(node.tick, last + 1)
-        p, n, J, mask, p_WCom = self._arrays(node.holds, ticks)
-        whole = self.holding.margins(p, n, J, mask, p_WCom)
-        bad = np.flatnonzero(whole < 0)
-        if len(bad):
-            last, why, culprit = int(ticks[bad[0]]) - 1, "contacts do not hold the object", None
-            ticks = ticks[: bad[0]]
-            p, n, J, mask, p_WCom = p[: bad[0]], n[: bad[0]], J[: bad[0]], mask[: bad[0]], p_WCom[: bad[0]]
-        liftable = np.zeros((len(ends), len(ticks)), dtype=bool)
-        everyone = frozenset(h.finger for h in node.holds)
-        for s, h in enumerate(node.holds):
-            if len(ticks) and self.allowed(everyone - {h.finger}, frozenset()):
-                liftable[s] = self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0
-        return Limits(last=last, liftable=liftable, why=why, slot=culprit)
-
-    def _arrays(self, holds: tuple[Hold, ...], ticks: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Contact arrays of holds over ticks, as :class:`Holding` takes them."""
-        hand = self.reach.clearance.hand
-        n, m, K = len(hand.fingers), max(len(f.joints) for f in hand.fingers), len(ticks)
-        p, normal, J = np.zeros((K, n, 3)), np.zeros((K, n, 3)), np.zeros((K, n, 3, m))
-        normal[..., 2] = 1.0
-        mask = np.zeros((K, n), dtype=bool)
-        for h in holds:
-            a = ticks - h.birth
-            p[:, h.finger], normal[:, h.finger], mask[:, h.finger] = h.p_WP[a], h.n_W[a], True
-            J[:, h.finger, :, : h.J_WP.shape[2]] = h.J_WP[a]
-        return p, normal, J, mask, self.reach.p_WCom(ticks)
-
-    def _clear_until(self, a: Hold, b: Hold, tick: int) -> int:
-        """Last tick up to which two holds, clear at every tick from `tick` on, stay clear of each other."""
-        shift = a.birth - b.birth if self.reach.symmetric else (a.birth, b.birth)
-        key = (a.finger, a.table, b.finger, b.table, shift)
-        first, end = max(a.birth, b.birth), min(a.end, b.end)
-        if key not in self._pairs:
-            ticks = np.arange(first, end + 1)
-            x, y = (self.reach.centres(h)[ticks - h.birth] for h in (a, b))
-            self._pairs[key] = self.reach.clearance.between(a.finger, x, b.finger, y) >= CLEARANCE
-        clear = self._pairs[key][tick - first :]
-        return end if clear.all() else tick + int(np.argmin(clear)) - 1
-
-    def _children(self, node: Node, limits: Limits, goal: int):
-        """Regrasps worth trying from a node: (child, bonus on its rank). What cannot be lifted may be slid."""
-        for slot, held in enumerate(node.holds):
-            free = np.flatnonzero(limits.liftable[slot])
-            if not len(free):
-                span = max(limits.last - node.tick, 0)
-                for t in sorted({self._snapped(node.tick + x, node.tick) for x in (span, span // 2)}):
-                    yield from self._slides(node, slot, held, t, goal)
-                continue
-            wanted = {int(free[-1]), int(free[len(free) // 2])}
-            if slot != node.slot:
-                wanted.add(int(free[0]))
-            ticks = set()
-            for x in wanted:
-                t = self._snapped(node.tick + x, node.tick)
-                ticks.add(t if limits.liftable[slot, t - node.tick] else node.tick + x)
-            for t in sorted(ticks):
-                yield from self._regrasps(node, slot, held, t, goal)
-
-    def _snapped(self, t: int, first: int) -> int:
-        """The tick at which contacts are made: on objects that are not symmetric one whose tables are shared."""
-        snapped = t - t % COARSE
-        return snapped if not self.reach.symmetric and snapped >= first else t
-
-    def _slides(self, node: Node, slot: int, held: Hold, t: int, goal: int):
-        """Contacts the finger could slide to, the object held all the way."""
-        if t > held.end or not self.allowed(frozenset(h.finger for h in node.holds), frozenset({held.finger})):
-            return
-        around = self._around(node, slot, t)
-        table = self.reach.contacts(held.finger, t)
-        lasting = np.minimum(t + table.length - 1, goal) >= min(held.end + GAIN, goal)
-        rows = np.flatnonzero(lasting)[:OPTIONS]
-        if not len(rows):
-            return
-        targets = [replace(table.holds[j], birth=t) for j in rows]
-        contacts, found = self._arrays(node.holds, np.array([t])), 0
-        for target, q, points in slide.towards(self.reach, around, held, t, targets):
-            if slide.holds(self.reach, self.holding, contacts, around.X_WO, held.finger, q, points):
-                new = tuple(target if s == slot else h for s, h in enumerate(node.holds))
-                child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot, ways=(q,), points=points)
-                yield child, SLIDE_COST
-                found += 1
-                if found == CHILDREN:
-                    return
-
-    def _around(self, node: Node, slot: int, t: int) -> Surroundings:
-        """What a finger that leaves its contact at a tick has to keep clear of."""
-        others = tuple(
-            (h.finger, self.reach.centres(h)[t - h.birth][None]) for s, h in enumerate(node.holds) if s != slot
-        )
-        return Surroundings(
-            clearance=self.reach.clearance, X_WO=self.reach.path.X_WO[t], others=others + self.reach.parked
-        )
-
-    def _regrasps(self, node: Node, slot: int, held: Hold, t: int, goal: int):
-        table = self.reach.contacts(held.finger, t)
-        lasting = np.minimum(t + table.length - 1, goal) >= min(held.end + GAIN, goal)
-        rows = np.flatnonzero(lasting)[:OPTIONS]
-        rows = rows[self._clear_of(node, slot, t, table.centres[rows])]
-        options = [replace(table.holds[j], birth=t) for j in rows]
-        if self.reach.symmetric:
-            earlier = self._earlier(node, slot, t, held)
-            for c in earlier:
-                if self._clear_of(node, slot, t, self.reach.centres(c)[t - c.birth][None])[0]:
-                    options.append(c)
-        if not options:
-            return
-        p, n, J, mask, p_WCom = (np.repeat(x, len(options), axis=0) for x in self._arrays(node.holds, np.array([t])))
-        for row, c in enumerate(options):
-            a, i = t - c.birth, held.finger
-            p[row, i], n[row, i], J[row, i, :, : c.J_WP.shape[2]] = c.p_WP[a], c.n_W[a], c.J_WP[a]
-        holds = self.holding.margins(p, n, J, mask, p_WCom) >= 0
-        without = np.stack(
-            [self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0 for h in node.holds]
-        ).sum(axis=0)
-        stuck = 0.5 * (len(node.holds) - without)
-        value = np.array([max(0, goal - c.end) / max(self._stroke[slot] - 1, 1) for c in options]) + stuck
-        value[~holds] = np.inf
-        known = self._ancestors(node) if self.reach.symmetric else set()
-        for j in np.argsort(value, kind="stable")[:CHILDREN]:
-            if not np.isfinite(value[j]):
-                break
-            new = tuple(options[j] if s == slot else h for s, h in enumerate(node.holds))
-            child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot)
-            closes = child.signature in known
-            yield child, float(stuck[j]) - (1e3 if closes else 0.0)
-
-    def _clear_of(self, node: Node, slot: int, t: int, centres: np.ndarray) -> np.ndarray:
-        """Whether a finger with sphere centres (N, any, 3) is clear (N,) of all others at a tick."""
-        clear = np.ones(len(centres), dtype=bool)
-        for s, h in enumerate(node.holds):
-            if s != slot:
-                other = self.reach.centres(h)[t - h.birth][None]
-                gap = self.reach.clearance.between(node.holds[slot].finger, centres, h.finger, other)
-                clear &= gap >= CLEARANCE
-        return clear
-
-    def _earlier(self, node: Node, slot: int, t: int, held: Hold) -> list[Hold]:
-        """The finger's configurations at earlier nodes, so that a gait can close."""
-        out, seen = [], set()
-        walk: Node | None = node
-        while walk is not None:
-            h = walk.holds[slot]
-            age = walk.tick - h.birth
-            moved = replace(h, birth=t - age)
-            if (h.table, age) not in seen and moved.end > held.end:
-                seen.add((h.table, age))
-                out.append(moved)
-            walk = walk.parent
-        return out
-
-    def _ancestors(self, node: Node) -> set[tuple]:
-        out, walk = set(), node
-        while walk is not None:
-            out.add(walk.signature)
-            walk = walk.parent  # type: ignore[assignment]
-        return out
-
-    def _transit(self, node: Node) -> tuple[np.ndarray, ...] | None:
-        """Way of the moved finger from its old contact to its new one, all else at rest."""
-        assert node.parent is not None
-        old, new, t = node.parent.holds[node.slot], node.holds[node.slot], node.tick
-        around = self._around(node, node.slot, t)
-        qa, _, na = old.at(t)
-        qb, _, nb = new.at(t)
-        ends = []
-        for height in LIFTS:
-            (up, down), able = lift(around, old.finger, np.stack([qa, qb]), np.stack([na, nb]), height)
-            if not able.all():
-                continue
-            between = straight(around, old.finger, up[-1], down[-1])
-            if between is not None:
-                return (up, between, down[::-1])
-            ends.append((up, down))
-        for up, down in ends[:1]:
-            pieces = detour(around, old.finger, up[-1], down[-1])
-            if pieces is not None:
-                return (up, *pieces, down[::-1])
-        return None
+        return sum(map(self.moves.regrasps_left, holds))
 
     def reaches(self, holds: list[Hold]) -> int:
         """Tick up to which a grasp at tick 0 carries the object without a regrasp."""
-        return self._limits(Node(tick=0, holds=tuple(holds)), self.reach.path.ticks).last
+        return self.moves.limits(Node(tick=0, holds=tuple(holds))).last
 
-    def periodic(self, gait: Gait, goal: int) -> list[Node] | None:
+    def periodic(self, gait: Gait) -> list[Node] | None:
         """The nodes of a periodic gait up to the goal, if its advance and its transits are clear and hold throughout.
 
         Args:
             gait: of a symmetric object.
-            goal: last tick.
         """
+        goal = self.moves.goal
         node = Node(tick=0, holds=gait.holds)
-        if self._limits(node, goal).last < min(gait.stroke, goal):
+        if self.moves.limits(node).last < min(gait.stroke, goal):
             return None
         if gait.stroke >= goal:
             return [node]
@@ -380,46 +134,43 @@ class Search:
             holds = list(node.holds)
             holds[slot] = replace(holds[slot], birth=gait.stroke)
             child = Node(tick=gait.stroke, holds=tuple(holds), g=node.g + 1, parent=node, slot=slot)
-            ways = self._transit(child)
-            if ways is None or self._limits(child, goal).last < gait.stroke:
+            ways = self.moves.transit(child)
+            if ways is None or self.moves.limits(child).last < gait.stroke:
                 return None
             node = replace(child, ways=ways)
             self.expansions += 1
-        return self._repeat(node, goal)
+        return self._repeat(node)
 
-    def _repeat(self, node: Node, goal: int) -> list[Node] | None:
+    def _repeat(self, node: Node) -> list[Node] | None:
         """If this configuration occurred before, the periodic gait from there on, up to the goal."""
         walk = node.parent
         while walk is not None and not (walk.tick < node.tick and walk.signature == node.signature):
             walk = walk.parent
         if walk is None:
             return None
-        chain = _chain(node)
-        period, cycle = node.tick - walk.tick, chain[chain.index(walk) + 1 :]
+        nodes = chain(node)
+        period, cycle = node.tick - walk.tick, nodes[nodes.index(walk) + 1 :]
         at, turn = node, 1
         while True:
             for step in cycle:
                 tick = step.tick + turn * period
-                if min(h.end for h in at.holds) >= goal or tick >= goal:
-                    return chain
+                if min(h.end for h in at.holds) >= self.moves.goal or tick >= self.moves.goal:
+                    return nodes
                 holds = tuple(replace(h, birth=h.birth + turn * period) for h in step.holds)
                 at = Node(
                     tick=tick, holds=holds, g=at.g + 1, parent=at, slot=step.slot, ways=step.ways, points=step.points
                 )
-                chain.append(at)
+                nodes.append(at)
             turn += 1
-
-    def _name(self, hold: Hold) -> str:
-        return self.reach.clearance.hand.fingers[hold.finger].name
 
     def _failure(self, status: str, what: str, farthest: tuple[int, Node, Limits]) -> NoPlanFound:
         last, node, limits = farthest
-        hand, path = self.reach.clearance.hand, self.reach.path
+        hand, path = self.moves.reach.clearance.hand, self.moves.reach.path
         tick = min(max(last, 0), path.ticks)
-        finger = self._name(node.holds[limits.slot]) if limits.slot is not None else None
+        finger = self.moves.name(node.holds[limits.slot]) if limits.slot is not None else None
         reason = f"{what} at {100 * tick / max(path.ticks, 1):.0f} % of the motion"
         if limits.liftable.size:
-            blocked = [self._name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
+            blocked = [self.moves.name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
             reason += f": finger {finger} ends at its {limits.why}" if finger else f": {limits.why}"
             reason += f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else ""
         return no_plan(
@@ -432,12 +183,3 @@ class Search:
             progress=tick / max(path.ticks, 1),
             expansions=self.expansions,
         )
-
-
-def _chain(node: Node) -> list[Node]:
-    out: list[Node] = []
-    walk: Node | None = node
-    while walk is not None:
-        out.append(walk)
-        walk = walk.parent
-    return out[::-1]
