@@ -17,6 +17,8 @@ SHORTFALL_COST = 20.0
 """Cost of a newton of missing preload, beside squared newtons of deviation from it."""
 SMOOTHNESS = 5.0
 """Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
+LIGHTNESS = 20.0
+"""Weight of squared deviations from the preload where a contact slides: the lighter, the less it drags along."""
 _FADE = 0.8
 """What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
 _DAMPING = 2e-3
@@ -163,7 +165,8 @@ def balance_forces(
         cone=[clarabel.SecondOrderConeT(4)] * A,
     )
 
-    P, q = _cost(knot, contact, columns, twist, shortfall, pressed[:, None] * normal, size, k)
+    weight = np.where(drag.any(axis=1), LIGHTNESS, 1.0)
+    P, q = _cost(knot, contact, columns, twist, shortfall, pressed[:, None] * normal, weight, size, k)
     matrix = sparse.coo_matrix(
         (
             np.concatenate([v for _, _, v in blocks]),
@@ -198,6 +201,7 @@ def _cost(
     twist: np.ndarray,
     shortfall: np.ndarray,
     wanted: np.ndarray,
+    weight: np.ndarray,
     size: int,
     k: int,
 ) -> tuple[sparse.csc_matrix, np.ndarray]:
@@ -208,7 +212,8 @@ def _cost(
     pairs = (index[:-1] >= 0) & (index[1:] >= 0)
     before, after = columns[index[:-1][pairs]].ravel(), columns[index[1:][pairs]].ravel()
     diagonal = np.zeros(size)
-    diagonal[: 4 * A] = 1.0
+    diagonal[columns] = weight[:, None]
+    diagonal[twist] = 1.0
     np.add.at(diagonal, before, SMOOTHNESS)
     np.add.at(diagonal, after, SMOOTHNESS)
     diagonal[twist] += 1.0
@@ -216,7 +221,7 @@ def _cost(
         (np.full(len(before), -SMOOTHNESS), (before, after)), shape=(size, size)
     )
     q = np.zeros(size)
-    q[columns] = -wanted
+    q[columns] = -weight[:, None] * wanted
     q[shortfall] = SHORTFALL_COST
     return sparse.csc_matrix(P), q
 

@@ -23,6 +23,8 @@ COARSE = 4
 """On objects that are not symmetric, contacts are made at multiples of this many ticks, so that tables are shared."""
 GAIN = 3
 """A regrasp has to prolong its finger's hold by this many ticks."""
+SLIDES = 8
+"""Slides looked at together."""
 SLIDE_COST = 0.5
 """Regrasps by which a slide ranks behind a lift."""
 
@@ -167,18 +169,17 @@ class Moves:
         table = self.reach.contacts(held.finger, t)
         lasting = np.minimum(t + table.length - 1, self.goal) >= min(held.end + GAIN, self.goal)
         rows = np.flatnonzero(lasting)[:OPTIONS]
-        if not len(rows):
-            return
-        targets = [replace(table.holds[j], birth=t) for j in rows]
         contacts, found = self._arrays(node.holds, np.array([t])), 0
-        for target, q, points in slide.towards(self.reach, around, held, t, targets):
-            if slide.holds(self.reach, self.holding, contacts, around.X_WO, held.finger, q, points):
-                new = tuple(target if s == slot else h for s, h in enumerate(node.holds))
-                child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot, ways=(q,), points=points)
-                yield child, SLIDE_COST
-                found += 1
-                if found == CHILDREN:
-                    return
+        for first in range(0, len(rows), SLIDES):
+            targets = [replace(table.holds[j], birth=t) for j in rows[first : first + SLIDES]]
+            for target, q, points in slide.towards(self.reach, around, held, t, targets):
+                if slide.holds(self.reach, self.holding, contacts, around.X_WO, held.finger, q, points):
+                    new = tuple(target if s == slot else h for s, h in enumerate(node.holds))
+                    child = Node(tick=t, holds=new, g=node.g + 1, parent=node, slot=slot, ways=(q,), points=points)
+                    yield child, SLIDE_COST
+                    found += 1
+                    if found == CHILDREN:
+                        return
 
     def _around(self, node: Node, slot: int, t: int) -> Surroundings:
         """What a finger that leaves its contact at a tick has to keep clear of."""

@@ -16,7 +16,7 @@ def rod_contacts(rng, N, k):
     return -0.008 * n + y[..., None] * [0, 1, 0], n
 
 
-def cone_program(p, n, friction, J=None, effort=None):
+def cone_program(p, n, friction, J=None, effort=None, drag=None):
     """max s by second-order cones, torsion sharing the friction linearly; Drake and Clarabel."""
     from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
@@ -26,6 +26,12 @@ def cone_program(p, n, friction, J=None, effort=None):
     for i in range(len(p)):
         f, tau, share = prog.NewContinuousVariables(3), *prog.NewContinuousVariables(2)
         N = n[i] @ f
+        if drag is not None and drag[i].any():
+            prog.AddLinearEqualityConstraint(f - N * (n[i] + drag[i]), np.zeros(3))
+            prog.AddLinearConstraint(s <= N)
+            prog.AddLinearConstraint(N <= F_MAX)
+            total, torque = total + f, torque + np.cross(p[i], f)
+            continue
         tangents = np.linalg.svd(n[i : i + 1])[2][1:]
         prog.AddLorentzConeConstraint(np.array([friction * N - share / RADIUS, *(tangents @ f)]))
         prog.AddLinearConstraint(tau <= share)
@@ -127,3 +133,21 @@ def test_unbounded_forces_are_refused():
     p, n = rod_contacts(np.random.default_rng(5), 1, 3)
     with pytest.raises(ValueError, match="unbounded"):
         solve(p, n, f_max=np.inf)
+
+
+@pytest.mark.parametrize("k", [3, 4, 5])
+def test_a_contact_that_slides_has_its_drag_and_nothing_else(k):
+    rng = np.random.default_rng(k)
+    p, n = rod_contacts(rng, 25, k)
+    drag = np.zeros_like(p)
+    along = np.cross(n[:, 0], rng.normal(size=(len(n), 3)))
+    drag[:, 0] = 0.8 * along / np.linalg.norm(along, axis=1, keepdims=True)
+    ours = solve(p, n, drag_W=drag)
+    changed = np.abs(ours - solve(p, n)) > 1e-6
+    for i in range(len(p)):
+        low = cone_program(p[i], n[i], FRICTION * np.cos(np.pi / EDGES), drag=drag[i])
+        high = cone_program(p[i], n[i], FRICTION, drag=drag[i])
+        assert ours[i] <= max(high, 0) + 1e-5
+        assert ours[i] >= low - 1e-5 or low < 0
+    assert changed.any()
+    assert k == 3 or (ours >= 0).any()

@@ -167,3 +167,31 @@ def test_a_tip_carried_round_by_the_object_needs_no_correction():
     n_W = turn[:, None] @ np.array([0.0, 0.6, 0.8])
     moved = roll_correction(np.full((41, 1), 2e-4), n_W, turn[:, None], turn, np.ones((41, 1), bool))
     np.testing.assert_allclose(moved, 0, atol=1e-7)
+
+
+def test_a_finger_that_slides_presses_lightly_and_drags_the_object_along():
+    p, n, J = rod(4, *CAGE)
+    drag = np.zeros_like(p)
+    drag[2:, 3, 1] = 0.8  # over the top, along the rod
+    preload = np.full((4, 5), 0.4)
+    preload[2:, 3] = 0.15
+    forces = solve(p, n, np.ones((4, 5)), J, drag_W=drag, preload=preload, friction=0.6)
+    f, N = forces.f_W, np.sum(forces.f_W * n, -1)
+    np.testing.assert_allclose(f[2:, 3], N[2:, 3, None] * (n[2:, 3] + drag[2:, 3]), atol=1e-6)
+    np.testing.assert_allclose(forces.torsion[2:, 3], 0, atol=1e-9)
+    np.testing.assert_allclose(f.sum(axis=1), np.tile(-WEIGHT, (4, 1)), atol=1e-6)
+    assert np.all(N[2:, 3] < 0.25)
+    assert np.all(N[:2, 3] > 0.35)
+
+
+def test_what_a_tip_gathered_by_rolling_fades_while_it_slides():
+    n_W, R_WT = (
+        np.tile([0.0, 0.0, -1.0], (40, 1, 1)),
+        Rotation.from_euler("x", np.linspace(0, 1, 20)[:, None]).as_matrix(),
+    )
+    R_WT = np.concatenate([R_WT, np.repeat(R_WT[-1:], 20, axis=0)])[:, None]
+    still, touching = np.tile(np.eye(3), (40, 1, 1)), np.ones((40, 1), bool)
+    sliding = np.arange(40)[:, None] >= 20
+    moved = roll_correction(np.full((40, 1), 2e-4), n_W, R_WT, still, touching, sliding)[:, 0]
+    assert np.linalg.norm(moved[19]) > 1e-4
+    assert np.linalg.norm(moved[-1]) < 0.05 * np.linalg.norm(moved[19])
