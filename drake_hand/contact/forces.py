@@ -282,6 +282,24 @@ def roll_correction(
     return out
 
 
+def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+    """How hard a tip pushes back along the normal per way it is pushed, its joints' servos yielding.
+
+    Args:
+        hand: with the stiffness of its servos.
+        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
+        n_W: (n, fingers, 3) unit normals.
+
+    Returns:
+        (n, fingers) N/m; very large where no joint moves the tip along the normal.
+    """
+    yields = np.zeros(J_WP.shape[:2])
+    for i, finger in enumerate(hand.fingers):
+        lever = np.einsum("nim,ni->nm", J_WP[:, i, :, : len(finger.columns)], n_W[:, i])
+        yields[:, i] = np.sum(lever**2 / hand.stiffness[finger.columns], axis=1)
+    return 1 / np.maximum(yields, 1e-9)
+
+
 def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:
     """What to add to q so that position servos press: K^-1 J^T f, and the way the tip centre has to move.
 

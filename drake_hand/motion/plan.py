@@ -144,6 +144,8 @@ class Plan(_Strict, frozen=True, kw_only=True):
         def refuse(message: str, key: str, found: object, expected: object) -> None:
             raise InputError(message, file=file, key=key, found=found, expected=expected)
 
+        if self.task.physics.gravity == "auto":
+            refuse("a plan is made for one direction of gravity", "task.physics.gravity", "auto", "three numbers")
         if len(set(self.joints)) != len(self.joints):
             refuse("joint named twice", "joints", self.joints, "distinct names")
         end, last = 0.0, np.array(self.parts[0].X_WO[:1]).reshape(-1)[:4]

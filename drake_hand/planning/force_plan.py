@@ -91,6 +91,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
         bend[rows, i] = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
     light = _slides(legs, starts, hand, q, J, normal)
+    wanted = holding.wanted(hand, J, normal)
     friction = np.where(light.easing, holding.sliding_friction, holding.friction)
     forces = balance_forces(
         p,
@@ -102,7 +103,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         torsion_radius=holding.torsion_radius,
         J=J,
         effort=np.where(np.isfinite(holding.effort), holding.effort, 1e3),
-        preload=holding.TARGET_PRELOAD + light.share * (LIGHT - holding.TARGET_PRELOAD),
+        preload=wanted + light.share * (LIGHT - wanted),
         drag_W=holding.sliding_friction * light.slip_W,
         held=held,
     )

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from drake_hand.contact.equilibrium import margins
+from drake_hand.contact.forces import tip_stiffness
 from drake_hand.model.hand import Hand
 
 
@@ -66,9 +67,10 @@ class Equilibrium:
     """Of the friction the task states, what plans rely on: the rest is for what was not modelled."""
     EFFORT_SHARE = 0.85
     """Of each joint's effort, likewise."""
-    TARGET_PRELOAD = 0.6
-    """Normal force that forces are planned for where efforts allow, N: stiffness of a bent finger's tip (1200 N/m and
-    more) times half a millimetre of pose error; grasps held so survived every static trial."""
+    POSE_ERROR = 1.0e-3
+    """Error of the object's pose that contacts are preloaded against, m."""
+    LEAST_PRELOAD = 0.35
+    """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
 
     def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
         """States what has to be held.
@@ -86,6 +88,21 @@ class Equilibrium:
         self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]
+
+    def wanted(self, hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+        """Normal forces to plan for: a tip this stiff still touches when the object is `POSE_ERROR` farther away.
+
+        Args:
+            hand: the hand.
+            J_WP: (N, n, 3, m) as in :meth:`margins`.
+            n_W: (N, n, 3) normals.
+
+        Returns:
+            (N, n) N, as far as each finger's efforts allow.
+        """
+        torque = np.abs(np.einsum("nkim,nki->nkm", J_WP, n_W))
+        reach = np.min(self.effort / np.maximum(torque, 1e-6), axis=2)
+        return np.minimum(np.maximum(self.POSE_ERROR * tip_stiffness(hand, J_WP, n_W), self.LEAST_PRELOAD), reach)
 
     def margins(
         self,

@@ -44,6 +44,6 @@ class Path:
     hand: Hand
     object: Object
     task: Task
-    """With the start pose that was found, where ``auto`` was asked."""
+    """With the start pose and the gravity that were found, where ``auto`` was asked."""
     stats: dict[str, Any] = field(default_factory=dict)
     """``stages_s`` {name: seconds}, ``expansions``, ``regrasps``."""

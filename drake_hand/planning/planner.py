@@ -1,4 +1,4 @@
-"""The planner: from a task to a path; looks for a start pose where the task leaves that open."""
+"""The planner: from a task to a path; looks for start pose and palm direction where the task leaves them open."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.planning import start
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.object_path import as_pose, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.run import Run
 from drake_hand.planning.search import Progress
-from drake_hand.planning.task import Pose, Task
+from drake_hand.planning.task import Task
 
 TRIED = 5
 """Start poses, best first, that are planned from."""
@@ -56,35 +55,37 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
         started=started,
     )
     run.stages["model"] = time.monotonic() - started
-    return run.plan(pose(task.start)) if isinstance(task.start, Pose) else _find_start(run)
+    free = task.start == "auto" or task.physics.gravity == "auto"
+    return _find_start(run) if free else run.plan()
 
 
 def _find_start(run: Run) -> Path:
-    """Plans from the start poses that are rated best, one after the other."""
-    task, rng = run.task, np.random.default_rng(run.task.options.seed)
-    rated: list[tuple[float, Pose]] = []
+    """Plans from the start poses and palm directions that are rated best, one after the other."""
+    rng = np.random.default_rng(run.task.options.seed)
+    rated: list[tuple[float, Task]] = []
     with run.stage("start"):
-        for k, X in enumerate(start.poses(task, run.clearance, rng)):
-            where = as_pose(X)
-            rated.append((run.rate(pose(where)), where))
-            fraction = (k + 1) / start.RATED
+        tasks = list(start.variants(run.task, run.clearance, rng))
+        for k, task in enumerate(tasks):
+            run.task = task
+            rated.append((run.rate(), task))
+            fraction = (k + 1) / len(tasks)
             run.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - run.started))
             if time.monotonic() > run.deadline:
                 break
     failures: list[NoPlanFound] = []
-    for value, where in sorted(rated, key=lambda r: -r[0])[:TRIED]:
+    for value, task in sorted(rated, key=lambda r: -r[0])[:TRIED]:
         if not np.isfinite(value):
             break
-        run.task = msgspec.structs.replace(task, start=where)
+        run.task = task
         try:
-            return run.plan(pose(where))
+            return run.plan()
         except NoPlanFound as e:
             failures.append(e)
     if failures:
         raise max(failures, key=lambda e: e.evidence.get("progress", 0.0))
     raise NoPlanFound(
-        f"none of {len(rated)} start poses tried gives a grasp that holds in any mode",
-        evidence={"mode": None, "finger": None, "constraint": "start: auto", "X_WO": None},
+        f"none of {len(rated)} starts tried gives a grasp that holds in any mode",
+        evidence={"mode": None, "finger": None, "constraint": "start", "X_WO": None},
     )
 
 

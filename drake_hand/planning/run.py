@@ -22,7 +22,7 @@ from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.legs import gait as gait_legs
 from drake_hand.planning.moves import Moves, Node
-from drake_hand.planning.object_path import ObjectPath, build
+from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.search import Progress, Search
@@ -79,12 +79,18 @@ class Run:
         """When time is up (monotonic clock)."""
         return self.started + self.task.options.time_limit_s
 
-    def plan(self, X_WO: np.ndarray) -> Path:
-        """Plans all steps from a start pose X_WO (4, 4)."""
+    @property
+    def start(self) -> Pose:
+        """The task's start pose, which is known by now."""
+        assert isinstance(self.task.start, Pose), "auto is replaced before a run"
+        return self.task.start
+
+    def plan(self) -> Path:
+        """Plans all steps."""
         self._tables.clear()
-        builder = LegBuilder(self.hand, self.hand.q_home, X_WO)
-        if isinstance(self.task.start, Pose) and self.task.start.joints_deg:
-            steps.start_inside(builder, self.clearance, self.task.start.joints_deg, self.task.options.model)
+        builder = LegBuilder(self.hand, self.hand.q_home, pose(self.start))
+        if self.start.joints_deg:
+            steps.start_inside(builder, self.clearance, self.start.joints_deg, self.task.options.model)
         builder = self._follow(builder, list(self.task.motion))
         legs = builder.legs
         holding = self._holding()
@@ -136,10 +142,10 @@ class Run:
         polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
         return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
 
-    def rate(self, X_WO: np.ndarray) -> float:
-        """How promising a start pose is: the margin of the best gait or grasp found with little effort, else -inf."""
-        step = self.task.motion[0]
-        assert step.grasp is not None, "validated: start: auto begins with a grasp"
+    def rate(self) -> float:
+        """How promising the start is: the margin of the best gait or grasp found with little effort, else -inf."""
+        step, X_WO = self.task.motion[0], pose(self.start)
+        assert step.grasp is not None, "validated: auto begins with a grasp"
         self._tables.clear()
         path = self._path(X_WO, moving_steps(list(self.task.motion[1:])))
         try:

@@ -1,14 +1,17 @@
-"""``start: auto``: object poses worth planning from, rated before the full planner tries them."""
+"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from drake_hand.planning.collision import Clearance
+from drake_hand.planning.object_path import as_pose
 from drake_hand.planning.task import Task
 
 DRAWN = 1500
@@ -21,8 +24,25 @@ _SIDES = 0.3
 """Share of the object's sides that a finger has to reach to be of use."""
 _NEAR = 4.0e-3
 """A contact this near one of many random postures of a finger counts as reached, m."""
+PALMS = ((-9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0))
+"""Gravity in W for the palm up, the thumb up, the fingers up and the palm down, m/s^2."""
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
+
+
+def variants(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[Task]:
+    """The task with every ``auto`` replaced, the most promising first; `RATED` start poses at the most.
+
+    Where both start and palm are free the palms take turns.
+    """
+    palms = [task.physics.gravity]
+    if palms == ["auto"]:
+        palms = list(PALMS) if task.options.hold == "equilibrium" else [(0.0, 0.0, -9.81)]
+    starts = [as_pose(X) for X in poses(task, clearance, rng)] if task.start == "auto" else [task.start]
+    few = len(starts) == 1
+    for start, palm in itertools.product(starts, palms) if few else zip(starts, itertools.cycle(palms), strict=False):
+        physics = msgspec.structs.replace(task.physics, gravity=palm)
+        yield msgspec.structs.replace(task, start=start, physics=physics)
 
 
 def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[np.ndarray]:

@@ -99,7 +99,8 @@ class Physics(_Strict, frozen=True, kw_only=True):
     """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
 
     friction: Positive = 0.8
-    gravity: Vector = (0.0, 0.0, -9.81)
+    gravity: Vector | Literal["auto"] = (0.0, 0.0, -9.81)
+    """``auto`` lets the planner choose how the palm is turned; the plan's task says what it chose."""
     object_mass_kg: Positive | None = None
 
 
@@ -180,8 +181,9 @@ class Task(_Strict, frozen=True, kw_only=True):
                 refuse(f"'{kind}' needs a grasp before it", f"{key}.{kind}", kind, "a grasp before it")
             if step.rotate and sum(a * a for a in step.rotate.axis) < 1e-18:
                 refuse("axis of rotation is zero", f"{key}.rotate.axis", step.rotate.axis, "a direction")
-        if isinstance(self.start, Pose) is False and self.motion[0].kind not in ("grasp",):
-            refuse("start: auto needs a grasp as first step", "motion[0]", self.motion[0].kind, "grasp")
+        for key, asked in (("start", self.start), ("physics.gravity", self.physics.gravity)):
+            if asked == "auto" and self.motion[0].kind != "grasp":
+                refuse(f"{key}: auto needs a grasp as first step", "motion[0]", self.motion[0].kind, "grasp")
         for i, code in enumerate(self.options.modes or []):
             if not code or set(code) - set("012"):
                 refuse(
