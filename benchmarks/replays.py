@@ -1,0 +1,178 @@
+"""What physics makes of plans in equilibrium: plans, certifies and replays the cases of a group, a table row each.
+
+    python benchmarks/replays.py turns objects --runs 20
+    python benchmarks/replays.py palms
+    python benchmarks/replays.py allegro --runs 20 --models ../shared/models
+
+Each plan is replayed once as planned, and with ``--runs N`` N times more with friction, mass and stiffness up to 20 %
+off and the start 1 mm and 2 deg off. A run succeeds if the object is not dropped and ends within 3 mm and 8 deg (0.14
+rad) of the plan.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+
+import msgspec
+
+from drake_hand import api
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
+from drake_hand.verify.replay import Replay, simulate
+
+PALMS: dict[str, Vector] = {
+    "up": (-9.81, 0.0, 0.0),
+    "sideways, thumb up": (0.0, -9.81, 0.0),
+    "down": (9.81, 0.0, 0.0),
+    "forward, fingers up": (0.0, 0.0, -9.81),
+}
+PENCILS = {4: "pencil", 8: "pencil_r8", 12: "pencil_r12"}
+NORMAL = Rotate(axis=(1.0, 0.0, 0.0), angle_deg=90.0)
+"""A quarter turn about the palm's normal."""
+
+ALLEGRO = """
+name: allegro
+urdf: {models}/hands/allegro/allegro_hand_right.urdf
+palm: base_link
+fingers:
+- {{name: ring, tip: {{link: link_11.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: middle, tip: {{link: link_7.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: index, tip: {{link: link_3.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: thumb, tip: {{link: link_15.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 3, damping_nm_s_rad: 0.1}}
+"""
+"""Half of the 0.7 Nm that the maker states; servo gains are assumptions."""
+
+Case = tuple[str, Task]
+
+
+def turn(hand: str, object_: str, rotate: Rotate, gravity: Vector, start: Pose | None = None, **options) -> Task:
+    """Grasp and turn, from wherever the planner likes."""
+    return Task(
+        hand=hand,
+        object=object_,
+        start=start or "auto",
+        motion=[Step(grasp=Grasp()), Step(rotate=rotate)],
+        physics=Physics(gravity=gravity),
+        options=Options(**{"time_limit_s": 180.0} | options),
+    )
+
+
+def own(angle_deg: float) -> Rotate:
+    """About the object's long axis."""
+    return Rotate(axis=(0.0, 0.0, 1.0), frame="object", angle_deg=angle_deg)
+
+
+def turns(_: Path) -> Iterator[Case]:
+    """The bundled spin, further and further."""
+    spin = Task.load("spin")
+    for angle in (360.0, -360.0, 720.0, 3600.0):
+        yield f"spin {angle:g} deg", msgspec.structs.replace(spin, motion=[spin.motion[0], Step(rotate=own(angle))])
+
+
+def palms(_: Path) -> Iterator[Case]:
+    """Once around its own axis, three pencils, four ways to turn the palm."""
+    for radius, pencil in PENCILS.items():
+        for palm, gravity in PALMS.items():
+            yield f"pencil r {radius} mm, palm {palm}", turn("kanguera", pencil, own(360.0), gravity)
+
+
+def objects(_: Path) -> Iterator[Case]:
+    """Other motions and objects with the Kanguera hand, palm up."""
+    yield "carry", Task.load("carry")
+    yield "sphere 90 deg", turn("kanguera", "sphere", NORMAL, PALMS["up"])
+    yield "cube 90 deg", turn("kanguera", "cube", NORMAL, PALMS["up"])
+
+
+def allegro(models: Path) -> Iterator[Case]:
+    """The Allegro hand, palm up: a stick and a cube of 65 mm by 90 deg."""
+    with tempfile.TemporaryDirectory() as folder:
+        hand = Path(folder) / "allegro.hand.yaml"
+        hand.write_text(ALLEGRO.format(models=models.resolve()), encoding="utf-8")
+        cube = str(models.resolve() / "objects/trifinger_cube/cube_v2.urdf")
+        yield "Allegro, stick about the palm's normal", turn(str(hand), "pencil_r12", NORMAL, PALMS["up"])
+        yield "Allegro, stick about its own axis", turn(str(hand), "pencil_r12", own(90.0), PALMS["up"])
+        yield "Allegro, cube about the palm's normal", turn(str(hand), cube, NORMAL, PALMS["up"])
+
+
+def kinematic(_: Path) -> Iterator[Case]:
+    """The bundled spin and carry without forces, for comparison."""
+    for name in ("spin", "carry"):
+        task = Task.load(name)
+        yield f"{name}, kinematic", msgspec.structs.replace(task, options=Options(hold="kinematic"))
+
+
+GROUPS: dict[str, Callable[[Path], Iterator[Case]]] = {
+    f.__name__: f for f in (turns, palms, objects, allegro, kinematic)
+}
+
+
+def row(label: str, task: Task, runs: int) -> str:
+    """Plans, certifies and replays one case."""
+    try:
+        result = api.solve(task)
+    except NoPlanFound as e:
+        return f"| {label} | none: {e.reason} | | | | | | |"
+    plan = result.plan
+    assert plan.certificate is not None, "solve certifies"
+    margin = plan.certificate.worst["force_margin"].value
+    nominal = simulate(plan)
+    cells = [
+        label,
+        f"{result.plan_s:.0f}",
+        str(result.regrasps),
+        f"{plan.duration:.0f}",
+        "none planned" if margin is None else f"{margin:.2f}",
+        errors(nominal),
+    ]
+    cells += perturbed(simulate(plan, runs=runs, perturb=True)) if runs else ["", ""]
+    return f"| {' | '.join(cells)} |"
+
+
+def errors(replay: Replay) -> str:
+    """The run as planned: position, tilt, turn about the axis; or when it was dropped."""
+    (run,) = replay.runs
+    if run.dropped:
+        return f"dropped after {run.end_s - run.free_s:.1f} s"
+    return f"{run.position_error_mm:.2f} / {run.tilt_error_deg:.2f} / {run.rotation_error_deg:.2f}"
+
+
+def perturbed(replay: Replay) -> list[str]:
+    """Successes, and median and worst errors of what was not dropped."""
+    held = [r for r in replay.runs if not r.dropped]
+    won = f"{sum(r.success for r in replay.runs)} of {len(replay.runs)}, {replay.dropped} dropped"
+    if not held:
+        return [won, ""]
+    kinds = [
+        [r.position_error_mm for r in held],
+        [r.tilt_error_deg for r in held],
+        [abs(r.rotation_error_deg) for r in held],
+    ]
+    return [won, " / ".join(f"{median(x):.1f} ({max(x):.1f})" for x in kinds)]
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("groups", nargs="+", choices=GROUPS, metavar="GROUP", help=", ".join(GROUPS))
+    parser.add_argument("--runs", type=int, default=0, help="perturbed replays of each plan")
+    parser.add_argument("--only", default="", help="cases whose name contains this")
+    parser.add_argument("--models", type=Path, default=Path("../shared/models"), help="folder with the Allegro hand")
+    options = parser.parse_args()
+    print(
+        "| case | plan time s | regrasps | duration s | force margin | as planned: mm / tilt deg / turn deg "
+        "| perturbed: success | median (worst) mm / tilt deg / turn deg |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for group in options.groups:
+        for label, task in GROUPS[group](options.models):
+            if options.only in label:
+                print(row(label, task, options.runs), flush=True)
+
+
+if __name__ == "__main__":
+    main()
