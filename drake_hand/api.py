@@ -16,6 +16,7 @@ from drake_hand.motion.plan import Certificate, Plan
 from drake_hand.planning.task import Options, Task
 
 if TYPE_CHECKING:
+    from drake_hand.planning.holding import Tally
     from drake_hand.planning.search import Progress
 
 
@@ -30,6 +31,8 @@ class PlanResult:
     """Seconds from task to timed plan; imports and certificate apart."""
     stages_s: dict[str, float]
     """Seconds by stage, the certificate among them."""
+    tally: Tally
+    """Equilibrium tests in these stages."""
 
 
 def solve(
@@ -75,6 +78,7 @@ def solve(
         regrasps=path.stats["regrasps"],
         plan_s=timed - start,
         stages_s=stages_s,
+        tally=path.stats["tally"],
     )
 
 

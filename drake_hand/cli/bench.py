@@ -26,6 +26,8 @@ UNITS = {
     "ik_vs_drake": "times the rate of one Drake IK program per contact",
     "ik_vs_pinocchio": "times the rate of a Pinocchio loop per contact",
     "equilibrium_per_s": "contact sets tested for balance per second",
+    "equilibrium_us": "us for each set tested while a full turn is planned",
+    "equilibrium_share": "share of that planning time spent on the test",
     "spin90_s": "s to plan a quarter turn of the pencil",
     "spin360_s": "s to plan a full turn",
     "plan_over_check": "planning time over checking time, full turn",
@@ -135,6 +137,8 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     full = [api.solve(turned(spin, 360.0), seed=seed) for _ in range(runs)]
     yield "spin360_s", [r.plan_s for r in full]
     yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
+    yield "equilibrium_us", [1e6 * r.tally.seconds / r.tally.sets for r in full]
+    yield "equilibrium_share", [r.tally.seconds / r.plan_s for r in full]
     one = median(r.plan_s for r in full)
     yield "turns10_over_1", [plan_s(turned(spin, 3600.0)) / one]
 

@@ -140,16 +140,16 @@ def simulate(
         seed: of the perturbations.
         json: print one JSON object on stdout.
     """
-    from drake_hand.verify.replay import Progress
     from drake_hand.verify.replay import simulate as replay
     from drake_hand.view.replay import render_replay
 
     subject = Plan.load(file)
     with _naming(file), progress_display(quiet=json) as progress:
-        result = replay(subject, runs=runs, seed=seed, progress=progress)
+        pages: list[str] = []
+        watch = (lambda run, record: pages.append(render_replay(subject, run, record))) if html else None
+        result = replay(subject, runs=runs, seed=seed, watch=watch, progress=progress)
         if html:
-            page = render_replay(subject, progress=lambda x: progress(Progress(stage="page", fraction=x)))
-            write_atomic(html, page)
+            write_atomic(html, pages[0])
     if json:
         print_json(msgspec.to_builtins(result))
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from time import perf_counter
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +11,15 @@ import numpy as np
 from drake_hand.contact.equilibrium import margins
 from drake_hand.contact.forces import tip_stiffness
 from drake_hand.model.hand import Hand
+
+
+@dataclass(kw_only=True)
+class Tally:
+    """How often equilibrium was asked for, and what that cost."""
+
+    sets: int = 0
+    """Sets of contacts judged."""
+    seconds: float = 0.0
 
 
 class Holding(Protocol):
@@ -72,7 +83,9 @@ class Equilibrium:
     LEAST_PRELOAD = 0.35
     """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
 
-    def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
+    def __init__(
+        self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float, tally: Tally | None = None
+    ) -> None:
         """States what has to be held.
 
         Args:
@@ -81,7 +94,9 @@ class Equilibrium:
             mass: of the object, kg.
             friction: coefficient the task states.
             preload: normal force every contact must be able to bear beside the balance, N.
+            tally: where queries are counted.
         """
+        self.tally = tally or Tally()
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
@@ -132,6 +147,11 @@ class Equilibrium:
                 drag_W=drag_W,
             )
 
+        began = perf_counter()
         if slip_W is None:
-            return least(None) - self.preload
-        return np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W)) - self.preload
+            margin = least(None)
+        else:
+            margin = np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W))
+        self.tally.sets += len(mask) * (1 if slip_W is None else 2)
+        self.tally.seconds += perf_counter() - began
+        return margin - self.preload

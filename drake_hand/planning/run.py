@@ -18,7 +18,7 @@ from drake_hand.planning import approach, gait, grasp, steps
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.force_plan import add_forces
-from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.holding import Equilibrium, Holding, Kinematic, Tally
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.legs import gait as gait_legs
 from drake_hand.planning.moves import Moves, Node
@@ -60,6 +60,7 @@ class Run:
     progress: Callable[[Progress], None]
     started: float
     stages: dict[str, float] = field(default_factory=dict)
+    tally: Tally = field(default_factory=Tally)
     expansions: int = 0
     _tables: dict[tuple, tuple[list[int], np.ndarray, ReachTable]] = field(default_factory=dict)
     _last_table: tuple[tuple, ReachTable] | None = None
@@ -102,7 +103,12 @@ class Run:
             hand=self.hand,
             object=self.object,
             task=self.task,
-            stats={"stages_s": self.stages, "expansions": self.expansions, "regrasps": builder.regrasps},
+            stats={
+                "stages_s": self.stages,
+                "expansions": self.expansions,
+                "regrasps": builder.regrasps,
+                "tally": self.tally,
+            },
         )
 
     def _follow(self, builder: LegBuilder, todo: list[Step]) -> LegBuilder:
@@ -333,6 +339,7 @@ class Run:
             mass=physics.object_mass_kg or self.object.mass,
             friction=physics.friction,
             preload=PRELOAD,
+            tally=self.tally,
         )
 
     def _allowed(self, touching: frozenset[int], sliding: frozenset[int] = frozenset()) -> bool:

@@ -60,6 +60,7 @@ def simulate(
     perturb: bool | None = None,
     contact: ContactKind = "hydroelastic",
     jobs: int | None = None,
+    watch: Callable[[Run, Record], None] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Replay:
     """Plays a certified plan into physics, open loop, as often as asked.
@@ -74,6 +75,7 @@ def simulate(
         perturb: friction, mass and stiffness by up to 20 %, start pose by 1 mm and 2 deg; by default if runs > 1.
         contact: how fingertips yield.
         jobs: processes; one per core by default.
+        watch: given a run as planned, with its record; where there is none such among the runs, one more is made.
         progress: told how far it is.
 
     Raises:
@@ -100,12 +102,17 @@ def simulate(
             def part(x: float, *, first: int = i, stage: str = stage) -> None:
                 tell(Progress(stage=stage, fraction=(first + x) / runs))
 
-            finish(i, replay(plan, change, contact, part)[0])
+            run, record = replay(plan, change, contact, part)
+            finish(i, run)
+            if watch and i == 0 and not perturbed:
+                watch(run, record)
     else:
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
             futures = {pool.submit(_run, plan, change, contact): i for i, change in enumerate(changes)}
             for future in as_completed(futures):
                 finish(futures[future], future.result())
+    if watch and (perturbed or workers > 1):
+        watch(*replay(plan, None, contact, lambda x: tell(Progress(stage="run as planned", fraction=x))))
     results = [done[i] for i in range(runs)]
     return Replay(
         contact=contact,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from drake_hand.model.hand import Hand
@@ -11,38 +9,23 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.motion.plan import Plan
 from drake_hand.motion.trajectory import Trajectory
-from drake_hand.verify.physics import ContactKind, Perturbation
-from drake_hand.verify.replay import replay
 from drake_hand.verify.run import POSITION_MM, ROTATION_DEG, Record, Run
 from drake_hand.view.page import Fact, add_panel
 from drake_hand.view.stage import Stage, frame_times
 
 
-def render_replay(
-    plan: Plan,
-    *,
-    perturbation: Perturbation | None = None,
-    contact: ContactKind = "hydroelastic",
-    progress: Callable[[float], None] | None = None,
-) -> str:
-    """Simulates a plan once and shows it: hand and object as they moved, contact forces, the planned object faint.
+def render_replay(plan: Plan, run: Run, record: Record) -> str:
+    """Shows one run of a plan: hand and object as they moved, contact forces, the planned object faint.
 
     Args:
-        plan: what to simulate.
-        perturbation: what is not as planned.
-        contact: how fingertips yield.
-        progress: told the share done.
+        plan: what was simulated.
+        run: what is to be said about it.
+        record: what happened.
 
     Returns:
         The HTML page.
     """
-    run, record = replay(plan, perturbation, contact, progress)
     scene = Scene(Hand.load(plan.task.hand), Object.load(plan.task.object))
-    return draw_replay(plan, scene, run, record)
-
-
-def draw_replay(plan: Plan, scene: Scene, run: Run, record: Record) -> str:
-    """The page of a run already simulated."""
     t = frame_times(plan.duration)
     k = np.clip(np.searchsorted(record.t, t - 1e-9), 0, len(record.t) - 1)
     planned = Trajectory(plan).at(t)

@@ -8,6 +8,7 @@ import pytest
 
 from drake_hand import api, cli
 from drake_hand.motion.plan import Plan
+from drake_hand.planning.holding import Tally
 
 
 @pytest.fixture
@@ -80,7 +81,7 @@ def test_plot_writes_figures(plan_file, tmp_path, capsys):
 
 
 def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, capsys):
-    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4}, tally=Tally())
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
     file, page = tmp_path / "a.plan.json", tmp_path / "a.html"
@@ -101,7 +102,7 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
 
 
 def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):
-    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4}, tally=Tally())
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
     assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--json"]) == 0

@@ -84,6 +84,22 @@ def test_runs_are_perturbed_reproducibly_and_counted(plan):
     assert msgspec.json.decode(msgspec.json.encode(result))["runs"][0]["errors"]["t"][0] == pytest.approx(RAMP)
 
 
+@pytest.mark.parametrize(("perturb", "made"), [(False, 1), (True, 2)])
+def test_a_run_as_planned_can_be_watched(plan, perturb, made, monkeypatch):
+    from drake_hand.verify import replay as module
+
+    calls, seen, original = [], [], module.replay
+    monkeypatch.setattr(
+        module, "replay", lambda plan, change, *rest: calls.append(change) or original(plan, change, *rest)
+    )
+    watch = lambda run, record: seen.append((run, record))  # noqa: E731
+    simulate(certified(plan), perturb=perturb, contact="point", jobs=1, watch=watch)
+    assert len(calls) == made, "as planned is not simulated twice"
+    ((run, record),) = seen
+    assert run.perturbation == Perturbation()
+    assert len(record.t) == len(record.X_WO)
+
+
 def test_perturbations_keep_their_ranges():
     rng = np.random.default_rng(0)
     for change in (Perturbation.draw(rng) for _ in range(50)):

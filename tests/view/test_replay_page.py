@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drake_hand.motion.trajectory import Trajectory
+from drake_hand.verify.replay import replay
 from drake_hand.view.replay import render_replay
 from drake_hand.view.stage import Stage
 from tests.verify.held import held_plan
@@ -31,8 +32,7 @@ def panel(html):
 
 def test_page_shows_what_happened_and_faintly_what_was_planned(drawn):
     plan = held_plan()
-    shares = []
-    data = panel(render_replay(plan, contact="point", progress=shares.append))
+    data = panel(render_replay(plan, *replay(plan, contact="point")))
     assert data["verdict"] == "held"
     assert data["good"]
     assert ["stray contacts", "none", True] in data["facts"]
@@ -41,11 +41,11 @@ def test_page_shows_what_happened_and_faintly_what_was_planned(drawn):
     off = np.linalg.norm(drawn[False][:, :3, 3] - planned[:3, 3], axis=1)
     assert off[0] == pytest.approx(0, abs=1e-12)
     assert 0 < off[-1] < 1e-3
-    assert shares[0] == 0
 
 
 def test_page_of_a_dropped_object_says_so_and_ends_where_it_fell(drawn):
-    data = panel(render_replay(held_plan(hold="kinematic"), contact="point"))
+    plan = held_plan(hold="kinematic")
+    data = panel(render_replay(plan, *replay(plan, contact="point")))
     assert data["verdict"] == "dropped"
     assert not data["good"]
     assert np.linalg.norm(drawn[False][-1, :3, 3] - drawn[True][-1, :3, 3]) > 0.03
