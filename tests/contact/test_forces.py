@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.equilibrium import margins
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
+from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction, tip_stiffness
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
@@ -195,3 +195,20 @@ def test_what_a_tip_gathered_by_rolling_fades_while_it_slides():
     moved = roll_correction(np.full((40, 1), 2e-4), n_W, R_WT, still, touching, sliding)[:, 0]
     assert np.linalg.norm(moved[19]) > 1e-4
     assert np.linalg.norm(moved[-1]) < 0.05 * np.linalg.norm(moved[19])
+
+
+def test_a_tip_pushes_back_as_its_servos_do():
+    """Commanded to stay where it is, a tip that is pushed by d along its normal pushes back with stiffness times d."""
+    hand = Hand.load("kanguera")
+    finger = hand.fingers[3]
+    kin = FingerKinematics.of(hand, finger)
+    q = np.radians([[0.0, 40.0, 50.0]])
+    n_W = np.array([[-1.0, 0.0, 0.0]])
+    J = np.zeros((1, 5, 3, 3))
+    J[:, 3] = kin.jacobian(q)[2]
+    stiffness = tip_stiffness(hand, J, np.tile(n_W[:, None], (1, 5, 1)))[0, 3]
+    force = 0.01 * n_W[0]
+    yielded = J[0, 3].T @ force / hand.stiffness[finger.columns]
+    moved = (kin.fk(q + yielded)[0] - kin.fk(q)[0])[0] @ n_W[0]
+    assert moved > 0
+    assert 0.01 / moved == pytest.approx(stiffness, rel=0.01)

@@ -1,0 +1,74 @@
+"""Starts worth planning from, and how the palm is turned."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from drake_hand.errors import InputError
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.motion.plan import Plan
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.planner import find_path
+from drake_hand.planning.start import PALMS, RATED, variants
+from drake_hand.planning.task import Grasp, Options, Physics, Push, Rotate, Step, Task
+from tests.verify.held import held_plan
+
+
+@pytest.fixture(scope="module")
+def clearance():
+    return Clearance(Scene(Hand.load("kanguera"), Object.load("pencil_r8")))
+
+
+def starts(task: Task, clearance: Clearance, seed: int = 0) -> list[Task]:
+    return list(variants(task, clearance, np.random.default_rng(seed)))
+
+
+def spin(**changes) -> Task:
+    return msgspec.structs.replace(Task.load("spin"), **changes)
+
+
+def test_what_the_task_names_stays(clearance):
+    task = spin()
+    assert starts(task, clearance) == [task]
+    free = starts(spin(start="auto"), clearance)
+    assert len(free) == RATED
+    assert {t.physics.gravity for t in free} == {task.physics.gravity}
+
+
+def test_a_free_palm_is_tried_every_way(clearance):
+    assert [t.physics.gravity for t in starts(spin(physics=Physics(gravity="auto")), clearance)] == list(PALMS)
+    both = starts(spin(start="auto", physics=Physics(gravity="auto")), clearance)
+    assert len(both) == RATED
+    assert {t.physics.gravity for t in both} == set(PALMS)
+    kinematic = spin(physics=Physics(gravity="auto"), options=Options(hold="kinematic"))
+    assert len(starts(kinematic, clearance)) == 1, "gravity does not matter"
+
+
+def test_starts_depend_on_the_seed_alone(clearance):
+    task = spin(start="auto")
+    assert starts(task, clearance) == starts(task, clearance)
+    assert starts(task, clearance) != starts(task, clearance, seed=1)
+
+
+def test_the_path_says_which_palm_it_is_for():
+    short = [Step(grasp=Grasp()), Step(rotate=Rotate(axis=(0.0, 0.0, 1.0), frame="object", angle_deg=20.0))]
+    path = find_path(spin(motion=short, physics=Physics(gravity="auto")))
+    assert path.task.physics.gravity in PALMS
+    assert path.stats["tally"].sets > 0
+
+
+def test_a_free_palm_needs_a_grasp_first():
+    task = spin(motion=[Step(push=Push(finger="index", by_mm=(5.0, 0.0, 0.0)))], physics=Physics(gravity="auto"))
+    with pytest.raises(InputError, match=r"physics\.gravity"):
+        task.validate()
+
+
+def test_a_plan_states_its_gravity(tmp_path):
+    plan = held_plan()
+    free = msgspec.structs.replace(plan, task=msgspec.structs.replace(plan.task, physics=Physics(gravity="auto")))
+    file = tmp_path / "free.plan.json"
+    free.save(file)
+    with pytest.raises(InputError, match="gravity"):
+        Plan.load(file)
