@@ -17,7 +17,7 @@ SHORTFALL_COST = 20.0
 """Cost of a newton of missing preload, beside squared newtons of deviation from it."""
 SMOOTHNESS = 5.0
 """Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
-LIGHTNESS = 20.0
+LIGHTNESS = 200.0
 """Weight of squared deviations from the preload where a contact slides: the lighter, the less it drags along."""
 _FADE = 0.8
 """What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""

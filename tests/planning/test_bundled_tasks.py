@@ -91,15 +91,15 @@ def infeasible(**changes) -> NoPlanFound:
             Step(grasp=Grasp(fingers=changes.get("fingers"))),
             Step(rotate=Rotate(axis=(0.0, 1.0, 0.0), angle_deg=360.0)),
         ],
-        options=Options(hold="kinematic", time_limit_s=20.0),
+        options=Options(hold="kinematic", modes=changes.get("modes"), time_limit_s=20.0),
     )
     with pytest.raises(NoPlanFound) as caught:
         api.plan(task)
     return caught.value
 
 
-def test_two_fingers_cannot_turn_a_pencil_round():
-    found = infeasible(fingers=["thumb", "index"])
+def test_two_fingers_that_may_not_slide_cannot_turn_a_pencil_round():
+    found = infeasible(fingers=["thumb", "index"], modes=["00000", "00011", "00010", "00001"])
     assert found.status == "infeasible"
     assert found.evidence["mode"] == "00011"
     assert found.evidence["finger"] in ("thumb", "index")
