@@ -20,9 +20,10 @@ _HOME = {
     "check": "drake_hand.api",
     "plan": "drake_hand.api",
     "show": "drake_hand.api",
+    "simulate": "drake_hand.verify.replay",
 }
 
-__all__ = ["Hand", "Object", "Plan", "Task", "check", "plan", "show"]
+__all__ = ["Hand", "Object", "Plan", "Task", "check", "plan", "show", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
