@@ -18,6 +18,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.path import Path
 from drake_hand.planning.run import Run
 from drake_hand.planning.search import Progress
+from drake_hand.planning.tables import Tables
 from drake_hand.planning.task import Task
 
 TRIED = 5
@@ -45,12 +46,14 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
     hand, object_ = Hand.load(task.hand), Object.load(task.object)
     _check_names(task, hand)
     scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
+    clearance = Clearance(scene)
     run = Run(
         task=task,
         hand=hand,
         object=object_,
         scene=scene,
-        clearance=Clearance(scene),
+        clearance=clearance,
+        tables=Tables(scene, clearance, task.options.model, task.options.min_contacts),
         progress=progress or (lambda p: None),
         started=started,
     )

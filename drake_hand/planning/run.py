@@ -26,14 +26,13 @@ from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.tables import Tables
 from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
 QUICK = (28, 14)
 """Strokes looked at when start poses are rated, ticks."""
-ENDURING = 3
-"""Fingers that last to the end of the path make a grasp by themselves if they are as many."""
 ENOUGH = 0.3
 """Margin over that with which a gait's longer stroke counts for more, N."""
 FINENESS = 2
@@ -44,8 +43,6 @@ SETS = 2
 """Sets of fingers tried of each size, where the task names none ..."""
 PATIENCE = 150
 """... and nodes expanded for each but the last."""
-USABLE = 8
-"""A finger takes part by itself if it can hold some contact for this many ticks."""
 
 
 @dataclass
@@ -57,13 +54,12 @@ class Run:
     object: Object
     scene: Scene
     clearance: Clearance
+    tables: Tables
     progress: Callable[[Progress], None]
     started: float
     stages: dict[str, float] = field(default_factory=dict)
     tally: Tally = field(default_factory=Tally)
     expansions: int = 0
-    _tables: dict[tuple, tuple[list[int], np.ndarray, ReachTable]] = field(default_factory=dict)
-    _last_table: tuple[tuple, ReachTable] | None = None
 
     @contextmanager
     def stage(self, name: str):
@@ -88,7 +84,7 @@ class Run:
 
     def plan(self) -> Path:
         """Plans all steps."""
-        self._tables.clear()
+        self.tables.clear()
         builder = LegBuilder(self.hand, self.hand.q_home, pose(self.start))
         if self.start.joints_deg:
             steps.start_inside(builder, self.clearance, self.start.joints_deg, self.task.options.model)
@@ -135,7 +131,7 @@ class Run:
             steps.slide(builder, self.clearance, self._holding(), model, finger, s)
         elif step.push:
             path = self._path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
-            self._check_palm(path)
+            self.tables.check_palm(path)
             steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
         else:
             moving = moving_steps(todo)
@@ -152,10 +148,10 @@ class Run:
         """How promising the start is: the margin of the best gait or grasp found with little effort, else -inf."""
         step, X_WO = self.task.motion[0], pose(self.start)
         assert step.grasp is not None, "validated: auto begins with a grasp"
-        self._tables.clear()
+        self.tables.clear()
         path = self._path(X_WO, moving_steps(list(self.task.motion[1:])))
         try:
-            fingers, q_parked, table = self._reach(path, step.grasp.fingers)
+            fingers, q_parked, table = self.tables.taking_part(path, step.grasp.fingers)
         except NoPlanFound:
             return -np.inf
         if len(fingers) < 2:
@@ -175,48 +171,6 @@ class Run:
     def _periodic(self, table: ReachTable) -> bool:
         """Whether the path turns a symmetric object far enough for a periodic gait."""
         return table.symmetric and table.path.ticks > max(gait.STROKES)
-
-    def _reach(self, path: ObjectPath, named: list[str] | None) -> tuple[list[int], np.ndarray, ReachTable]:
-        """The fingers that take part (all that can, unless named), the posture beside them, and their reach table."""
-        everyone = [f.name for f in self.hand.fingers]
-        fingers, q_parked, table = self._reached(path, named or everyone)
-        if named is None:
-            # Fingers that can hold on to the end spare regrasps; three of them make a grasp.
-            for length in (path.ticks, min(USABLE, path.ticks)):
-                able = [everyone[i] for i in fingers if table.longest(i) > length]
-                if len(able) >= ENDURING:
-                    break
-            if len(able) < max(self.task.options.min_contacts, 1):
-                raise self._too_few(able, fingers, table)
-            if len(able) < len(fingers):
-                return self._reached(path, able)
-        return fingers, q_parked, table
-
-    def _reached(self, path: ObjectPath, named: list[str]) -> tuple[list[int], np.ndarray, ReachTable]:
-        key = (id(path), *named)
-        if key not in self._tables:
-            fingers = [self.hand.finger(name).index for name in named]
-            parked = [i for i in range(len(self.hand.fingers)) if i not in fingers]
-            self._check_palm(path)
-            q_parked = approach.park(self.clearance, path, parked)
-            self._tables[key] = fingers, q_parked, self._table(path, q_parked, parked)
-        return self._tables[key]
-
-    def _too_few(self, able: list[str], fingers: list[int], table: ReachTable) -> NoPlanFound:
-        """The error that not enough fingers can hold the object; blames the one that comes nearest to it."""
-        i = max((i for i in fingers if self.hand.fingers[i].name not in able), key=table.longest)
-        name, word = self.hand.fingers[i].name, table.most_common_limit(i, 0)
-        what = f"{', '.join(able) or 'no finger'} alone can hold the object where it starts; {name}: {word}"
-        X = table.path.X_WO[0]
-        return no_plan(what, mode=code(self.hand, fingers), finger=name, constraint=word, X_WO=X)
-
-    def _table(self, path: ObjectPath, q_parked: np.ndarray, parked: list[int]) -> ReachTable:
-        """The reach table of a path beside parked fingers; the last one again where nothing has changed."""
-        postures = {i: q_parked[self.hand.fingers[i].columns] for i in parked}
-        key = (path.X_WO.tobytes(), tuple((i, q.tobytes()) for i, q in postures.items()))
-        if self._last_table is None or self._last_table[0] != key:
-            self._last_table = key, ReachTable(self.clearance, path, self.task.options.model, postures)
-        return self._last_table[1]
 
     def _grasp(self, builder: LegBuilder, wanted: Grasp, path: ObjectPath) -> Iterator[LegBuilder]:
         """Ways to grasp the object and move it along the path; sets of fingers in turn where none are named."""
@@ -238,7 +192,7 @@ class Run:
     def _sets(self, path: ObjectPath) -> list[list[str]]:
         """Sets of fingers worth trying: without forces as few as let one be lifted first, else as many as can."""
         with self.stage("reach"):
-            able, _, table = self._reach(path, None)
+            able, _, table = self.tables.taking_part(path, None)
         least = min(len(able), max(self.task.options.min_contacts + 1, 2))
         few_first = self.task.options.hold == "kinematic"
         sets: list[tuple[int, ...]] = []
@@ -257,7 +211,7 @@ class Run:
         """
         waiting = start.copy()
         with self.stage("reach"):
-            fingers, q_parked, table = self._reach(path, names)
+            fingers, q_parked, table = self.tables.taking_part(path, names)
             steps.settle(waiting, self.clearance, q_parked)
         search = self._search(table, patience)
 
@@ -291,11 +245,11 @@ class Run:
     def _carry(self, builder: LegBuilder, path: ObjectPath) -> None:
         """Moves the object along the path with the fingers that touch it now."""
         with self.stage("reach"):
-            self._check_palm(path)
+            self.tables.check_palm(path)
             free = [i for i in range(len(self.hand.fingers)) if i not in builder.touching]
             q_parked = approach.park(self.clearance, path, free, builder.q, builder.touching)
             steps.settle(builder, self.clearance, q_parked)
-            search = self._search(self._table(path, builder.q, free), None)
+            search = self._search(self.tables.beside(path, builder.q, free), None)
             holds = steps.current_holds(builder, search.moves.reach)
         gait_legs(builder, path, self._found(search, [holds]))
 
@@ -382,16 +336,6 @@ class Run:
             if roots:
                 raise no_plan(f"{none} can be approached without a collision", mode=mode, constraint="approach", X_WO=X)
             raise no_plan(f"{none} holds the object clear of collisions", mode=mode, constraint="hold", X_WO=X)
-
-    def _check_palm(self, path: ObjectPath) -> None:
-        """Refuses paths on which the object runs into the palm, whatever the fingers do."""
-        for X in path.X_WO[np.unique(np.linspace(0, path.ticks, 25).astype(int))]:
-            self.scene.set(self.hand.q_home, X)
-            for a, b, depth in self.scene.penetrations():
-                other = b if a == self.object.link else a
-                if self.object.link in (a, b) and other in self.clearance.still:
-                    what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
-                    raise no_plan(what, mode=code(self.hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
 def moving_steps(steps: list[Step]) -> list[Step]:
