@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import Hold, ReachTable
 
@@ -88,8 +89,6 @@ class _Rating:
     ) -> None:
         self.reach, self.fingers, self.holding, self.pools, self.stroke = reach, fingers, holding, pools, stroke
         clearance = reach.clearance
-        self.n = len(clearance.hand.fingers)
-        self.m = max(len(f.joints) for f in clearance.hand.fingers)
         self.p_WCom = reach.p_WCom(np.array([0]))
         # Row of a pool's arrays: [contact, 0 at the base or 1 at the end of the stroke].
         ages = np.array([0, stroke])
@@ -164,16 +163,12 @@ class _Rating:
 
     def _margins(self, combos: np.ndarray, ends: np.ndarray, without: np.ndarray) -> np.ndarray:
         """Margins of rows of contacts, each finger at base or end (R, slots), without one slot (-1: with all)."""
-        R = len(combos)
-        p, normal, J = np.zeros((R, self.n, 3)), np.zeros((R, self.n, 3)), np.zeros((R, self.n, 3, self.m))
-        normal[..., 2] = 1.0
-        mask = np.zeros((R, self.n), dtype=bool)
+        sets = ContactSets.none(self.reach.clearance.hand, np.repeat(self.p_WCom, len(combos), axis=0))
         for slot, f in enumerate(self.fingers):
             c, e = combos[:, slot], ends[:, slot]
-            p[:, f], normal[:, f] = self.p[slot][c, e], self.normal[slot][c, e]
-            J[:, f, :, : self.J[slot].shape[3]] = self.J[slot][c, e]
-            mask[:, f] = without != slot
-        return self.holding.margins(p, normal, J, mask, np.repeat(self.p_WCom, R, axis=0))
+            sets.put(f, self.p[slot][c, e], self.normal[slot][c, e], self.J[slot][c, e])
+            sets.mask[:, f] = without != slot
+        return self.holding.margins(sets)
 
     def _promising(self, combos: np.ndarray, least: float) -> np.ndarray:
         """Combinations that may reach a margin: all fingers at base and at end, and some finger lifted in either."""

@@ -6,7 +6,9 @@ from collections import Counter
 
 import numpy as np
 
+from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import Hold, ReachTable
 
@@ -17,37 +19,13 @@ GRASPS = 24
 """Grasps handed to the search."""
 
 
-def stack(holds: list[list[Hold]], ticks: np.ndarray, n: int, m: int) -> tuple[np.ndarray, ...]:
-    """Contact arrays of N sets of holds, each at its tick, as :class:`Holding` takes them.
-
-    Args:
-        holds: N sets of holds of distinct fingers.
-        ticks: (N,).
-        n: number of fingers of the hand.
-        m: largest number of joints of a finger.
-
-    Returns:
-        p_WP (N, n, 3), n_W (N, n, 3), J_WP (N, n, 3, m), mask (N, n).
-    """
-    N = len(holds)
-    p, normal, J = np.zeros((N, n, 3)), np.zeros((N, n, 3)), np.zeros((N, n, 3, m))
-    normal[..., 2] = 1.0
-    mask = np.zeros((N, n), dtype=bool)
-    for row, (held, tick) in enumerate(zip(holds, ticks, strict=True)):
-        for h in held:
-            a = tick - h.birth
-            p[row, h.finger], normal[row, h.finger], mask[row, h.finger] = h.p_WP[a], h.n_W[a], True
-            J[row, h.finger, :, : h.J_WP.shape[2]] = h.J_WP[a]
-    return p, normal, J, mask
-
-
-def lifts(mask: np.ndarray) -> np.ndarray:
-    """(N, n) masks -> (N, n, n): row i is the set without finger i (all False where i is not in it)."""
-    out = np.repeat(mask[:, None, :], mask.shape[1], axis=1)
-    i = np.arange(mask.shape[1])
-    out[:, i, i] = False
-    out[~mask] = False
-    return out
+def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> ContactSets:
+    """The contacts of some grasps, each hold of them as it begins, around one mass centre p_WCom (3,)."""
+    sets = ContactSets.none(hand, np.repeat(p_WCom[None], len(grasps), axis=0))
+    for row, holds in enumerate(grasps):
+        for h in holds:
+            sets.put(h.finger, h.p_WP[0], h.n_W[0], h.J_WP[0], row)
+    return sets
 
 
 def spread(holds: list[Hold], count: int) -> list[Hold]:
@@ -76,7 +54,6 @@ def select(
         (score, holds) pairs; empty where some finger reaches nothing or no combination is clear and holds.
     """
     clearance = reach.clearance
-    n, m = len(clearance.hand.fingers), max(len(f.joints) for f in clearance.hand.fingers)
     goal = reach.path.ticks
     tables = []
     for i in fingers:
@@ -87,22 +64,18 @@ def select(
     combos = _combinations(clearance, fingers, tables, rng)
     if not len(combos):
         return []
-    sets = [[tables[x][j] for x, j in enumerate(row)] for row in combos]
-    p, normal, J, mask = stack(sets, np.zeros(len(sets), dtype=int), n, m)
-    p_WCom = np.repeat(reach.p_WCom(np.array([0])), len(sets), axis=0)
-    whole = holding.margins(p, normal, J, mask, p_WCom)
+    grasps = [[tables[x][j] for x, j in enumerate(row)] for row in combos]
+    sets = together(clearance.hand, grasps, reach.p_WCom(np.array([0]))[0])
+    whole = holding.margins(sets)
     kept = whole >= 0
     if not kept.any():
         return []
-    without = np.stack(
-        [holding.margins(p[kept], normal[kept], J[kept], lifts(mask[kept])[:, i], p_WCom[kept]) >= 0 for i in fingers]
-    )
-    liftable = np.zeros(len(sets))
-    liftable[kept] = without.sum(axis=0)
-    lasting = np.array([min(len(h.q) for h in held) for held in sets])
+    liftable = np.zeros(len(grasps))
+    liftable[kept] = np.sum([holding.margins(sets[kept].without(i)) >= 0 for i in fingers], axis=0)
+    lasting = np.array([min(len(h.q) for h in holds) for holds in grasps])
     score = np.where(kept, liftable + np.minimum(lasting, 40) / 40 + np.minimum(whole, 1.0), -np.inf)
     best = _different(combos, score)
-    return [(float(score[b]), sets[b]) for b in best]
+    return [(float(score[b]), grasps[b]) for b in best]
 
 
 def _combinations(

@@ -11,6 +11,7 @@ import numpy as np
 from drake_hand.contact.equilibrium import margins
 from drake_hand.contact.forces import tip_stiffness
 from drake_hand.model.hand import Hand
+from drake_hand.planning.contact_sets import ContactSets
 
 
 @dataclass(kw_only=True)
@@ -25,23 +26,11 @@ class Tally:
 class Holding(Protocol):
     """Judges sets of contacts."""
 
-    def margins(
-        self,
-        p_WP: np.ndarray,
-        n_W: np.ndarray,
-        J_WP: np.ndarray,
-        mask: np.ndarray,
-        p_WCom: np.ndarray,
-        slip_W: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
         """How well each set holds the object.
 
         Args:
-            p_WP: (N, n, 3) contact points, one per finger of the hand, m.
-            n_W: (N, n, 3) outward normals.
-            J_WP: (N, n, 3, m) Jacobians of the tips' contact points, m/rad (zero columns for joints a finger lacks).
-            mask: (N, n) which fingers are in contact.
-            p_WCom: (N, 3) the object's mass centre, m.
+            sets: N of them.
             slip_W: (N, n, 3) unit direction in which a tip slides over the object; zero where it does not.
 
         Returns:
@@ -56,18 +45,10 @@ class Kinematic:
     def __init__(self, min_contacts: int) -> None:
         self.min_contacts = min_contacts
 
-    def margins(
-        self,
-        p_WP: np.ndarray,
-        n_W: np.ndarray,
-        J_WP: np.ndarray,
-        mask: np.ndarray,
-        p_WCom: np.ndarray,
-        slip_W: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
         """From 0 to one half by how well the normals oppose one another, if the contacts are enough."""
-        count = mask.sum(axis=1)
-        net = np.linalg.norm((n_W * mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
+        count = sets.mask.sum(axis=1)
+        net = np.linalg.norm((sets.n_W * sets.mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
         return np.where(count >= self.min_contacts, 0.5 * (1 - net), count - self.min_contacts)
 
 
@@ -109,7 +90,7 @@ class Equilibrium:
 
         Args:
             hand: the hand.
-            J_WP: (N, n, 3, m) as in :meth:`margins`.
+            J_WP: (N, n, 3, m) Jacobians of the tips' material points, m/rad.
             n_W: (N, n, 3) normals.
 
         Returns:
@@ -119,15 +100,7 @@ class Equilibrium:
         reach = np.min(self.effort / np.maximum(torque, 1e-6), axis=2)
         return np.minimum(np.maximum(self.POSE_ERROR * tip_stiffness(hand, J_WP, n_W), self.LEAST_PRELOAD), reach)
 
-    def margins(
-        self,
-        p_WP: np.ndarray,
-        n_W: np.ndarray,
-        J_WP: np.ndarray,
-        mask: np.ndarray,
-        p_WCom: np.ndarray,
-        slip_W: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
         """Preload every contact can be given, less the one wanted, N.
 
         A finger that slides drags the object along with all its friction, or with hardly any: either must be borne.
@@ -135,14 +108,14 @@ class Equilibrium:
 
         def least(drag_W: np.ndarray | None) -> np.ndarray:
             return margins(
-                p_WP,
-                -n_W,
-                mask,
-                p_WCom=p_WCom,
+                sets.p_WP,
+                -sets.n_W,
+                sets.mask,
+                p_WCom=sets.p_WCom,
                 force_W=self.force_W,
                 friction=self.friction,
                 torsion_radius=self.torsion_radius,
-                J=J_WP,
+                J=sets.J_WP,
                 effort=self.effort,
                 drag_W=drag_W,
             )
@@ -152,6 +125,6 @@ class Equilibrium:
             margin = least(None)
         else:
             margin = np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W))
-        self.tally.sets += len(mask) * (1 if slip_W is None else 2)
+        self.tally.sets += len(sets) * (1 if slip_W is None else 2)
         self.tally.seconds += perf_counter() - began
         return margin - self.preload

@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_hand.planning import slide
 from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.grasp import lifts
+from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.transit import LIFTS, Surroundings, detour, lift, straight
@@ -96,32 +96,25 @@ class Moves:
         if last < node.tick:
             return Limits(last=node.tick - 1, liftable=np.zeros((len(ends), 0), dtype=bool), why=why, slot=culprit)
         ticks = np.arange(node.tick, last + 1)
-        p, n, J, mask, p_WCom = self._arrays(node.holds, ticks)
-        whole = self.holding.margins(p, n, J, mask, p_WCom)
-        bad = np.flatnonzero(whole < 0)
+        sets = self._sets(node.holds, ticks)
+        bad = np.flatnonzero(self.holding.margins(sets) < 0)
         if len(bad):
             last, why, culprit = int(ticks[bad[0]]) - 1, "contacts do not hold the object", None
-            ticks = ticks[: bad[0]]
-            p, n, J, mask, p_WCom = p[: bad[0]], n[: bad[0]], J[: bad[0]], mask[: bad[0]], p_WCom[: bad[0]]
+            ticks, sets = ticks[: bad[0]], sets[: bad[0]]
         liftable = np.zeros((len(ends), len(ticks)), dtype=bool)
         everyone = frozenset(h.finger for h in node.holds)
         for s, h in enumerate(node.holds):
             if len(ticks) and self.allowed(everyone - {h.finger}, frozenset()):
-                liftable[s] = self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0
+                liftable[s] = self.holding.margins(sets.without(h.finger)) >= 0
         return Limits(last=last, liftable=liftable, why=why, slot=culprit)
 
-    def _arrays(self, holds: tuple[Hold, ...], ticks: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Contact arrays of holds over ticks, as :class:`Holding` takes them."""
-        hand = self.reach.clearance.hand
-        n, m, K = len(hand.fingers), max(len(f.joints) for f in hand.fingers), len(ticks)
-        p, normal, J = np.zeros((K, n, 3)), np.zeros((K, n, 3)), np.zeros((K, n, 3, m))
-        normal[..., 2] = 1.0
-        mask = np.zeros((K, n), dtype=bool)
+    def _sets(self, holds: tuple[Hold, ...], ticks: np.ndarray) -> ContactSets:
+        """The contacts of holds over ticks."""
+        sets = ContactSets.none(self.reach.clearance.hand, self.reach.p_WCom(ticks))
         for h in holds:
             a = ticks - h.birth
-            p[:, h.finger], normal[:, h.finger], mask[:, h.finger] = h.p_WP[a], h.n_W[a], True
-            J[:, h.finger, :, : h.J_WP.shape[2]] = h.J_WP[a]
-        return p, normal, J, mask, self.reach.p_WCom(ticks)
+            sets.put(h.finger, h.p_WP[a], h.n_W[a], h.J_WP[a])
+        return sets
 
     def _clear_until(self, a: Hold, b: Hold, tick: int) -> int:
         """Last tick up to which two holds, clear at every tick from `tick` on, stay clear of each other."""
@@ -169,7 +162,7 @@ class Moves:
         table = self.reach.contacts(held.finger, t)
         lasting = np.minimum(t + table.length - 1, self.goal) >= min(held.end + GAIN, self.goal)
         rows = np.flatnonzero(lasting)[:OPTIONS]
-        contacts, found = self._arrays(node.holds, np.array([t])), 0
+        contacts, found = self._sets(node.holds, np.array([t])), 0
         for first in range(0, len(rows), SLIDES):
             targets = [replace(table.holds[j], birth=t) for j in rows[first : first + SLIDES]]
             for target, q, points in slide.towards(self.reach, around, held, t, targets):
@@ -203,14 +196,12 @@ class Moves:
                     options.append(c)
         if not options:
             return
-        p, n, J, mask, p_WCom = (np.repeat(x, len(options), axis=0) for x in self._arrays(node.holds, np.array([t])))
+        sets = self._sets(node.holds, np.array([t])).repeated(len(options))
         for row, c in enumerate(options):
-            a, i = t - c.birth, held.finger
-            p[row, i], n[row, i], J[row, i, :, : c.J_WP.shape[2]] = c.p_WP[a], c.n_W[a], c.J_WP[a]
-        holds = self.holding.margins(p, n, J, mask, p_WCom) >= 0
-        without = np.stack(
-            [self.holding.margins(p, n, J, lifts(mask)[:, h.finger], p_WCom) >= 0 for h in node.holds]
-        ).sum(axis=0)
+            a = t - c.birth
+            sets.put(held.finger, c.p_WP[a], c.n_W[a], c.J_WP[a], row)
+        holds = self.holding.margins(sets) >= 0
+        without = np.sum([self.holding.margins(sets.without(h.finger)) >= 0 for h in node.holds], axis=0)
         stuck = 0.5 * (len(node.holds) - without)
         value = np.array([self.regrasps_left(c) for c in options]) + stuck
         value[~holds] = np.inf

@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_hand.contact.chain import material_jacobian
 from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import EDGE, Hold, ReachTable
 from drake_hand.planning.transit import Surroundings
@@ -84,7 +85,7 @@ def towards(
 def holds(
     reach: ReachTable,
     holding: Holding,
-    contacts: tuple[np.ndarray, ...],
+    contacts: ContactSets,
     X_WO: np.ndarray,
     finger: int,
     q: np.ndarray,
@@ -95,7 +96,7 @@ def holds(
     Args:
         reach: of the path.
         holding: predicate.
-        contacts: arrays of one set of contacts, as :class:`Holding` takes them, the sliding finger's among them.
+        contacts: one set of contacts, the sliding finger's among them.
         X_WO: (4, 4) the object's pose.
         finger: which slides.
         q: (n, m) along the way.
@@ -105,9 +106,8 @@ def holds(
     _, _, J, Jw = kin.jacobian(q)
     n_W = reach.clearance.surface.closest(p_OP)[1] @ X_WO[:3, :3].T
     J_WP = material_jacobian(J, Jw, kin.finger.radius * n_W)
-    p, normal, J_all, mask, p_WCom = (np.repeat(x, len(q), axis=0) for x in contacts)
-    p[:, finger], normal[:, finger] = p_OP @ X_WO[:3, :3].T + X_WO[:3, 3], n_W
-    J_all[:, finger, :, : J_WP.shape[2]] = J_WP
-    slip_W = np.zeros_like(p)
+    sets = contacts.repeated(len(q))
+    sets.put(finger, p_OP @ X_WO[:3, :3].T + X_WO[:3, 3], n_W, J_WP)
+    slip_W = np.zeros_like(sets.p_WP)
     slip_W[:, finger] = directions(q, J_WP, n_W)
-    return bool((holding.margins(p, normal, J_all, mask, p_WCom, slip_W) >= 0).all())
+    return bool((holding.margins(sets, slip_W) >= 0).all())

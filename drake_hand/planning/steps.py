@@ -9,7 +9,7 @@ from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
 from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.grasp import stack
+from drake_hand.planning.grasp import together
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath
@@ -100,8 +100,7 @@ def slide(
         fail("is to slide, but does not touch the object", "contact")
     table = ReachTable(clearance, still(X), model)
     holds = current_holds(builder, table)
-    n, m = len(hand.fingers), max(len(f.joints) for f in hand.fingers)
-    contacts = (*stack([holds], np.zeros(1, dtype=int), n, m), table.p_WCom(np.zeros(1, dtype=int)))
+    contacts = together(hand, [holds], table.p_WCom(np.zeros(1, dtype=int))[0])
     kin, columns = clearance.kinematics[finger], hand.fingers[finger].columns
     u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP)) + 1))[:, None]
     p_OP, n_O = clearance.surface.move(np.repeat(builder.touching[finger][None], len(u), axis=0), u * s)
