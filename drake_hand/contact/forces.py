@@ -72,7 +72,7 @@ def balance_forces(
         friction: planned coefficient, one or (n, k).
         torsion_radius: soft-finger torque limit over friction force, m.
         J: (n, k, 3, m) tip Jacobians, m/rad; unused columns zero.
-        effort: (k, m) largest joint torques, Nm.
+        effort: (k, m) largest joint torques, either way; or (2, n, k, m) largest and most negative, Nm.
         preload: normal force wanted at fully loaded contacts, one or (n, k), N.
         drag_W: (n, k, 3) friction force over normal force of contacts that slide, which is all the friction they have;
             zero where contacts stick.
@@ -136,12 +136,13 @@ def balance_forces(
     rows((np.arange(n), shortfall, -np.ones(n)), bound=np.zeros(n), cone=[clarabel.NonnegativeConeT(n)])
     torque = J[knot, contact]
     m = torque.shape[2]
-    limit = effort[contact] * share[:, None]
+    most, least = np.broadcast_to(effort, (2, n, k, m))[:, knot, contact]
     r = np.broadcast_to((a[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))
     c = np.broadcast_to(columns[:, None, :], (A, m, 3))
-    for sign in (1.0, -1.0):
-        rows((r, c, sign * torque.transpose(0, 2, 1)), bound=limit.ravel(), cone=[clarabel.NonnegativeConeT(A * m)])
-    reach = np.min(effort[contact] / np.maximum(np.abs(np.einsum("aim,ai->am", torque, normal)), 1e-6), axis=1)
+    for sign, limit in ((1.0, most), (-1.0, least)):
+        bound = (limit * share[:, None]).ravel()
+        rows((r, c, sign * torque.transpose(0, 2, 1)), bound=bound, cone=[clarabel.NonnegativeConeT(A * m)])
+    reach = np.min(np.minimum(most, least) / np.maximum(np.abs(np.einsum("aim,ai->am", torque, normal)), 1e-6), axis=1)
     rows((three, columns, normal), bound=share * np.minimum(reach, 1e3), cone=[clarabel.NonnegativeConeT(A)])
 
     # contacts that slide: friction is where it drags the object, and there is no torsion
@@ -188,10 +189,10 @@ def balance_forces(
     N = np.sum(f * normal, axis=1)
     used = np.sqrt(np.sum((f - N[:, None] * normal) ** 2, axis=1) + x[twist] ** 2) / (grip * np.maximum(N, 1e-9))
     used[slides] = 0.0
-    least, most = np.full(n, np.inf), np.zeros(n)
-    np.minimum.at(least, knot, N / share)
-    np.maximum.at(most, knot, used)
-    return Forces(f_W=f_W, torsion=torsion, preload=np.where(np.isfinite(least), least, 0.0), friction_used=most)
+    softest, worst = np.full(n, np.inf), np.zeros(n)
+    np.minimum.at(softest, knot, N / share)
+    np.maximum.at(worst, knot, used)
+    return Forces(f_W=f_W, torsion=torsion, preload=np.where(np.isfinite(softest), softest, 0.0), friction_used=worst)
 
 
 def _cost(

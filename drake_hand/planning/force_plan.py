@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation, Slerp
 
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
@@ -18,6 +20,12 @@ from drake_hand.planning.slide import directions
 
 LIGHT = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
+SLACK = np.radians(0.5)
+"""Kept from joint limits by forces, for what the pads' compression adds to the command."""
+INTERPOLATED = 1e-4
+"""Torque that may be lost between knots, in weights of the object times m: a half of what the certificate tolerates."""
+PARALLEL = 0.3
+"""Normals span a direction if they have more of it than this share of what they have of the one they have most of."""
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
 
@@ -91,6 +99,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
         bend[rows, i] = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
     light = _slides(legs, starts, hand, q, J, normal)
+    weight = weight_offsets(scene, q, gravity_W)
     wanted = holding.wanted(hand, J, normal)
     friction = np.where(light.easing, holding.sliding_friction, holding.friction)
     forces = balance_forces(
@@ -102,11 +111,15 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         friction=friction,
         torsion_radius=holding.torsion_radius,
         J=J,
-        effort=np.where(np.isfinite(holding.effort), holding.effort, 1e3),
+        effort=_room(hand, q + weight, holding.effort),
         preload=wanted + light.share * (LIGHT - wanted),
         drag_W=holding.sliding_friction * light.slip_W,
         held=held,
     )
+    lost = INTERPOLATED * float(np.linalg.norm(holding.force_W))
+    finer = _finer(legs, starts, p, normal * touching[..., None], forces.f_W, lost)
+    if finer is not None:
+        return add_forces(finer, scene, gravity_W, holding)
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
@@ -116,13 +129,73 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         for c in finger.columns if on.any() else ():
             # A free finger fades from what its last contact left to what the next one begins with.
             offset[:, c] = np.interp(knots, knots[on], offset[on, c])
-    offset += weight_offsets(scene, q, gravity_W)
+    offset += weight
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
         f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
         out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
     return out
+
+
+def _finer(
+    legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, n_W: np.ndarray, f_W: np.ndarray, torque: float
+) -> list[Leg] | None:
+    """Legs with knots close enough for forces that are linear between them, or None where all have them.
+
+    Halfway between knots at which they balance, forces that change are off by a quarter of their change times that of
+    the contact points, and the points themselves by an eighth of their second difference. What of that torque lies in
+    the span of the normals the contacts' torsion makes up for.
+
+    Args:
+        legs: end to end.
+        starts: (legs + 1,) the knots they start at.
+        p_WP: (n, k, 3) contact points.
+        n_W: (n, k, 3) normals, zero where there is no contact.
+        f_W: (n, k, 3) forces.
+        torque: that may be lost between knots, Nm.
+    """
+    out, changed = [], False
+    for leg, a in zip(legs, starts, strict=False):
+        rows, times = slice(a, a + len(leg.q)), 1
+        p, n, f = p_WP[rows], n_W[rows][1:], f_W[rows]
+        if not _rests(leg) and len(p) > 2:
+            bend = np.diff(p, 2, axis=0)
+            bend = (np.concatenate([bend[:1], bend]) + np.concatenate([bend, bend[-1:]])) / 2
+            lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
+            off = lost.sum(axis=1)[..., None]
+            off -= np.linalg.pinv(n, rcond=PARALLEL) @ n @ off
+            times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(off[..., 0], axis=1).max() / torque))))
+        changed |= times > 1
+        out.append(_resampled(leg, times) if times > 1 else leg)
+    return out if changed else None
+
+
+def _resampled(leg: Leg, times: int) -> Leg:
+    """The leg with so many times the knots, on splines through those it has."""
+    s = np.arange(len(leg.q), dtype=float)
+    fine = np.linspace(0.0, s[-1], times * (len(s) - 1) + 1)
+
+    def spline(rows: np.ndarray) -> np.ndarray:
+        return make_interp_spline(s, rows, k=min(3, len(s) - 1))(fine)
+
+    X = np.tile(np.eye(4), (len(fine), 1, 1))
+    X[:, :3, :3] = Slerp(s, Rotation.from_matrix(leg.X_WO[:, :3, :3]))(fine).as_matrix()
+    X[:, :3, 3] = spline(leg.X_WO[:, :3, 3])
+    return replace(leg, q=spline(leg.q), X_WO=X, p_OP={name: spline(p) for name, p in leg.p_OP.items()})
+
+
+def _room(hand: Hand, q: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    """(2, n, k, m) largest and most negative joint torques: the efforts, and what servos can be commanded off target.
+
+    A servo at q (n, nq) that is to stay within its joint's limits can be commanded no farther than these.
+    """
+    out = np.full((2, len(q), *effort.shape), 1e3)
+    for i, finger in enumerate(hand.fingers):
+        c = finger.columns
+        for x, way in enumerate((hand.q_upper[c] - q[:, c], q[:, c] - hand.q_lower[c])):
+            out[x, :, i, : len(c)] = hand.stiffness[c] * np.maximum(way - SLACK, 0.0)
+    return np.minimum(out, effort)
 
 
 @dataclass(frozen=True, kw_only=True)
