@@ -94,7 +94,10 @@ def allegro(models: Path) -> Iterator[Case]:
         hand = Path(folder) / "allegro.hand.yaml"
         hand.write_text(ALLEGRO.format(models=models.resolve()), encoding="utf-8")
         cube = str(models.resolve() / "objects/trifinger_cube/cube_v2.urdf")
-        yield "Allegro, stick about the palm's normal", turn(str(hand), "pencil_r12", NORMAL, PALMS["up"])
+        heavy = Physics(gravity=PALMS["up"], friction=0.5, object_mass_kg=0.1)
+        stick = turn(str(hand), "pencil_r12", NORMAL, PALMS["up"])
+        yield "Allegro, stick about the palm's normal", stick
+        yield "Allegro, stick of 100 g, friction 0.5", msgspec.structs.replace(stick, physics=heavy)
         yield "Allegro, stick about its own axis", turn(str(hand), "pencil_r12", own(90.0), PALMS["up"])
         yield "Allegro, cube about the palm's normal", turn(str(hand), cube, NORMAL, PALMS["up"])
 
