@@ -13,10 +13,12 @@ from drake_hand.contact.chain import skew, solve_least_squares
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
 
-SHORTFALL_COST = 20.0
-"""Cost of a newton of missing preload, beside squared newtons of deviation from it."""
-SMOOTHNESS = 5.0
+SHORTFALL_COST = 25.0
+"""Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it."""
+SMOOTHNESS = 20.0
 """Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
+FRICTION_COST = 16.0
+"""Weight of squared friction forces: contacts that roll creep the way friction pulls them, and a turn drifts."""
 LIGHTNESS = 200.0
 """Weight of squared deviations from the preload where a contact slides: the lighter, the less it drags along."""
 _FADE = 0.8
@@ -56,11 +58,10 @@ def balance_forces(
 ) -> Forces:
     """Forces that balance the object at every knot, as near as they can be to an even preload, and smooth.
 
-    One sparse cone program over all knots: minimises the squared distance of each force from `preload` along its
-    normal, squared changes from knot to knot and, first of all, the shortfall of normal forces below the preload;
-    subject to balance, round friction cones with soft-finger torsion and joint efforts. Least shortfall means largest
-    margin against pose errors (facts: preload >= tip stiffness x pose error); distance from the normal is what friction
-    pays for. DESIGN section 4.4.
+    One sparse cone program over all knots: minimises squared deviations of normal forces from `preload`, squared
+    friction forces, squared changes from knot to knot and, above all, the largest share of its preload that a contact
+    lacks; subject to balance, round friction cones with soft-finger torsion and joint efforts. Little lacking means a
+    large margin against pose errors (facts: preload >= tip stiffness x pose error). DESIGN section 4.4.
 
     Args:
         p_WP: (n, k, 3) contact points, m.
@@ -124,12 +125,12 @@ def balance_forces(
     weight[:, :3] = np.broadcast_to(force_W, (n, 3))[free]
     rows((r[on], c[on], G[on]), bound=-weight.ravel(), cone=[clarabel.ZeroConeT(6 * len(free))] if len(free) else [])
 
-    # normal forces: at least the preload less the shortfall, at most what efforts bear; efforts themselves
+    # normal forces: at least a share of the preload, all but the shortfall, at most what efforts bear; efforts themselves
     one = np.ones(A)
     three = np.broadcast_to(a[:, None], (A, 3))
     rows(
         (three, columns, -normal),
-        (a, shortfall[knot], -share),
+        (a, shortfall[knot], -pressed),
         bound=-pressed,
         cone=[clarabel.NonnegativeConeT(A)],
     )
@@ -167,7 +168,7 @@ def balance_forces(
     )
 
     weight = np.where(drag.any(axis=1), LIGHTNESS, 1.0)
-    P, q = _cost(knot, contact, columns, twist, shortfall, pressed[:, None] * normal, weight, size, k)
+    P, q = _cost(knot, contact, columns, twist, shortfall, normal, pressed, weight, size, k)
     matrix = sparse.coo_matrix(
         (
             np.concatenate([v for _, _, v in blocks]),
@@ -201,6 +202,7 @@ def _cost(
     columns: np.ndarray,
     twist: np.ndarray,
     shortfall: np.ndarray,
+    normal: np.ndarray,
     wanted: np.ndarray,
     weight: np.ndarray,
     size: int,
@@ -213,17 +215,22 @@ def _cost(
     pairs = (index[:-1] >= 0) & (index[1:] >= 0)
     before, after = columns[index[:-1][pairs]].ravel(), columns[index[1:][pairs]].ravel()
     diagonal = np.zeros(size)
-    diagonal[columns] = weight[:, None]
-    diagonal[twist] = 1.0
+    diagonal[twist] = 2.0
     np.add.at(diagonal, before, SMOOTHNESS)
     np.add.at(diagonal, after, SMOOTHNESS)
-    diagonal[twist] += 1.0
+    upper = np.triu(np.ones((3, 3), bool))
+    own = FRICTION_COST * np.eye(3) - (FRICTION_COST - 1) * normal[:, :, None] * normal[:, None, :]
+    rows, cols = np.repeat(columns[:, :, None], 3, axis=2), np.repeat(columns[:, None, :], 3, axis=1)
     P = sparse.diags(diagonal) + sparse.coo_matrix(
-        (np.full(len(before), -SMOOTHNESS), (before, after)), shape=(size, size)
+        (
+            np.concatenate([np.full(len(before), -SMOOTHNESS), (weight[:, None, None] * own)[:, upper].ravel()]),
+            (np.concatenate([before, rows[:, upper].ravel()]), np.concatenate([after, cols[:, upper].ravel()])),
+        ),
+        shape=(size, size),
     )
     q = np.zeros(size)
-    q[columns] = -weight[:, None] * wanted
-    q[shortfall] = SHORTFALL_COST
+    q[columns] = -(weight * wanted)[:, None] * normal
+    q[shortfall] = SHORTFALL_COST * np.bincount(knot, wanted, n) / np.maximum(np.bincount(knot, minlength=n), 1)
     return sparse.csc_matrix(P), q
 
 
