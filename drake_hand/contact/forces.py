@@ -125,7 +125,7 @@ def balance_forces(
     weight[:, :3] = np.broadcast_to(force_W, (n, 3))[free]
     rows((r[on], c[on], G[on]), bound=-weight.ravel(), cone=[clarabel.ZeroConeT(6 * len(free))] if len(free) else [])
 
-    # normal forces: at least a share of the preload, all but the shortfall, at most what efforts bear; efforts themselves
+    # normal forces: at least the preload less the share short, at most what efforts bear; efforts themselves
     one = np.ones(A)
     three = np.broadcast_to(a[:, None], (A, 3))
     rows(

@@ -67,20 +67,18 @@ def test_a_preload_out_of_reach_is_approached():
 
 
 def test_preloads_out_of_reach_are_approached_in_proportion():
-    p, n, J = rod(1, [-90, 90, -90, 90], [-0.02, -0.02, 0.02, 0.02])
-    effort = np.array([[0.02], [np.inf], [np.inf], [np.inf]]) * np.ones(3)
-    wanted = np.array([1.0, 1.0, 2.0, 2.0])
-    N = np.einsum("nki,nki->nk", solve(p, n, np.ones((1, 4)), J, preload=wanted, effort=effort).f_W, n)
-    assert N[0, 0] == pytest.approx(0.4, abs=1e-3)  # 0.02 Nm over 0.05 m
-    assert (N[0] >= 0.4 * wanted - 1e-3).all()
+    p, n, J = rod(1, [-90, -90, -90], [-0.02, 0.0, 0.02])  # all below: only the weight presses
+    N = np.sum(solve(p, n, np.ones((1, 3)), J, preload=np.array([1.0, 3.0, 1.0])).f_W * n, -1)
+    np.testing.assert_allclose(N[0], [0.03, 0.09, 0.03], atol=3e-3)
 
 
-def test_friction_is_used_only_where_the_balance_needs_it():
+def test_friction_is_spared():
     p, n, J = rod(1, *CAGE)
-    forces = solve(p, n, np.ones((1, 5)), J, force_W=np.zeros(3), preload=np.array([1.0, 1.2, 1.4, 1.6, 1.8]))
-    N = np.einsum("nki,nki->nk", forces.f_W, n)
-    friction = np.linalg.norm(forces.f_W - N[..., None] * n, axis=-1)
-    assert friction.max() < 0.1 * N.max()
+    load = np.ones((1, 5))
+    load[0, 3] = 0.0  # one finger above the rod, none opposite
+    forces = solve(p, n, load, J)
+    assert forces.preload[0] >= 0.39
+    assert forces.friction_used[0] < 0.8  # pressed no harder than that, the one above would use all it may
 
 
 def test_ramped_loads_make_forces_continuous_and_end_at_zero():
