@@ -119,19 +119,19 @@ class Plan(_Strict, frozen=True, kw_only=True):
         """Whether it carries a certificate that says yes and is about this very plan."""
         return self.certificate is not None and self.certificate.certified and self.certificate.plan_hash == self.hash
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
-        write_atomic(path, msgspec.json.encode(self, order="deterministic") + b"\n")
+        write_atomic(Path(path), msgspec.json.encode(self, order="deterministic") + b"\n")
 
     @classmethod
-    def load(cls, path: Path) -> Plan:
+    def load(cls, path: str | Path) -> Plan:
         """Reads a plan file strictly.
 
         Raises:
             InputError: schema, shapes, times or numbers are wrong.
         """
-        plan = load(path, cls)
-        plan.validate(path)
+        plan = load(Path(path), cls)
+        plan.validate(Path(path))
         return plan
 
     def validate(self, file: Path | None = None) -> None:

@@ -47,8 +47,8 @@ def plan(*parts, **changes):
 def test_reads_back_what_it_wrote(tmp_path):
     file = tmp_path / "plan.json"
     p = plan()
-    p.save(file)
-    read = Plan.load(file)
+    p.save(str(file))
+    read = Plan.load(str(file))
     assert read == p
     assert read.hash == p.hash
     assert read.duration == 2.0
