@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import platform
 import sys
 from collections.abc import Iterator
@@ -37,7 +36,12 @@ UNITS = {
 }
 
 
-def bench(*, runs: Annotated[int, Parameter(validator=Number(gte=1))] = 3, seed: int = 0, json: bool = False) -> None:
+def bench(
+    *,
+    runs: Annotated[int, Parameter(validator=Number(gte=1))] = 3,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    json: bool = False,
+) -> None:
     """Measure speed on this machine: inverse kinematics, equilibrium, planning, physics.
 
     What cannot be measured here (a package that is not installed, a plan that is not found) is left out and named.
@@ -179,8 +183,9 @@ def turned(task: Task, angle_deg: float, *, fingers: list[str] | None = None) ->
 
 
 def _machine() -> dict[str, Any]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"cpu": _cpu(), "cores": cores, "system": f"{platform.system()} {platform.machine()}"}
+    from drake_hand.verify.replay import cores
+
+    return {"cpu": _cpu(), "cores": cores(), "system": f"{platform.system()} {platform.machine()}"}
 
 
 def _cpu() -> str:

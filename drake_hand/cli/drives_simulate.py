@@ -6,8 +6,11 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
@@ -26,7 +29,7 @@ def simulate(
     log: Path | None = None,
     faults: Path | None = None,
     settings: Path | None = None,
-    seed: int = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
 ) -> int:
     """Serve simulated drives on a bus, until Ctrl-C.
 

@@ -119,7 +119,7 @@ def simulate(
     *,
     html: Path | None = None,
     runs: Annotated[int, Parameter(validator=Number(gte=1))] = 1,
-    seed: int = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     json: bool = False,
 ) -> int:
     """Replay a plan in physics: does the object stay in the hand, and where does it end?
@@ -148,8 +148,6 @@ def simulate(
         pages: list[str] = []
         watch = (lambda run, record: pages.append(render_replay(subject, run, record))) if html else None
         result = replay(subject, runs=runs, seed=seed, watch=watch, progress=progress)
-        if html:
-            write_atomic(html, pages[0])
     if json:
         print_json(msgspec.to_builtins(result))
     else:
@@ -166,7 +164,9 @@ def simulate(
             ],
         )
         print(f"success rate {result.success_rate:.0%}, {result.realtime_factor:.2g} x real time")
-        if html:
+    if html:
+        write_atomic(html, pages[0])
+        if not json:
             print(f"wrote {html}")
     return 1 if result.dropped else 0
 

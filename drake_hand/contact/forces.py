@@ -27,6 +27,10 @@ _DAMPING = 2e-3
 """Of least squares near singular postures, m."""
 
 
+class Unbalanced(NoPlanFound):
+    """No contact forces balance the object."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Forces:
     """Contact forces at n knots of k contacts; zero where there is no contact."""
@@ -80,7 +84,7 @@ def balance_forces(
         held: (n,) knots where a fixture holds the object and forces need not balance.
 
     Raises:
-        NoPlanFound: no forces balance the object; names the first such knot where one alone is to blame.
+        Unbalanced: no forces balance the object.
     """
     n, k = load.shape
     knot, contact = np.nonzero(load > 0)
@@ -143,7 +147,9 @@ def balance_forces(
     for sign, limit in ((1.0, most), (-1.0, least)):
         bound = (limit * share[:, None]).ravel()
         rows((r, c, sign * torque.transpose(0, 2, 1)), bound=bound, cone=[clarabel.NonnegativeConeT(A * m)])
-    reach = np.min(np.minimum(most, least) / np.maximum(np.abs(np.einsum("aim,ai->am", torque, normal)), 1e-6), axis=1)
+    lever = np.einsum("aim,ai->am", torque, normal)
+    limit = np.where(np.abs(lever) > 1e-6, np.where(lever > 0, most, least), np.inf)
+    reach = np.min(limit / np.maximum(np.abs(lever), 1e-6), axis=1)
     rows((three, columns, normal), bound=share * np.minimum(reach, 1e3), cone=[clarabel.NonnegativeConeT(A)])
 
     # contacts that slide: friction is where it drags the object, and there is no torsion
@@ -180,7 +186,7 @@ def balance_forces(
     settings.verbose = False
     solution = clarabel.DefaultSolver(P, q, matrix, np.concatenate(b), cones, settings).solve()
     if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-        raise NoPlanFound(f"no contact forces balance the object over these {n} knots ({solution.status})")
+        raise Unbalanced(f"no contact forces balance the object over these {n} knots ({solution.status})")
     x = np.array(solution.x)
 
     f_W, torsion = np.zeros((n, k, 3)), np.zeros((n, k))

@@ -149,8 +149,16 @@ class Surface:
     @cached_property
     def extent(self) -> np.ndarray:
         """(3,) half sizes of the bounding box along the axes of O, m."""
-        corners = np.concatenate([g.corners @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] for g in self.geometries])
-        return np.abs(corners).max(axis=0)
+        return np.ptp(self._corners, axis=0) / 2
+
+    @cached_property
+    def centre(self) -> np.ndarray:
+        """(3,) of the bounding box along the axes of O, m."""
+        return (self._corners.min(axis=0) + self._corners.max(axis=0)) / 2
+
+    @cached_property
+    def _corners(self) -> np.ndarray:
+        return np.concatenate([g.corners @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] for g in self.geometries])
 
     def symmetric_about(self, axis_O: np.ndarray, point_O: np.ndarray) -> bool:
         """Whether turning about this line maps the surface onto itself."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,11 +10,20 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, Slerp
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction
+from drake_hand.contact.forces import (
+    Forces,
+    Unbalanced,
+    balance_forces,
+    joint_offsets,
+    pad_compression,
+    roll_correction,
+)
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
+from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
+from drake_hand.planning.failure import no_plan
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.path import Leg
 from drake_hand.planning.slide import directions
@@ -26,6 +36,8 @@ INTERPOLATED = 1e-4
 """Torque that may be lost between knots, in weights of the object times m: a half of what the certificate tolerates."""
 PARALLEL = 0.3
 """Normals span a direction if they have more of it than this share of what they have of the one they have most of."""
+WEIGHTLESS = 0.05
+"""Gravity over that on earth below which an object floats."""
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
 
@@ -50,7 +62,7 @@ def _rests(leg: Leg) -> bool:
 
 
 def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium) -> list[Leg]:
-    """Adds forces and joint offsets to the legs of one stretch between a grasp and its release.
+    """Adds forces and joint offsets to legs.
 
     The offsets bring about the forces, make up for what the tips yield and roll short, and hold up the fingers' weight.
 
@@ -64,7 +76,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         The legs with f_W and q_offset.
 
     Raises:
-        NoPlanFound: no forces balance the object at some knot.
+        NoPlanFound: no forces balance the object; names the first knot at which none do.
     """
     hand, object_ = scene.hand, scene.object
     assert object_ is not None
@@ -77,6 +89,8 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
     X = np.concatenate([legs[0].X_WO[:1], *[leg.X_WO[1:] for leg in legs]])
     load, held, touching = _loads(legs, starts, names)
+    if np.linalg.norm(holding.force_W) < WEIGHTLESS * holding.weight:
+        held &= ~(load > 0).any(axis=1)  # no fixture is needed, so none is assumed
     p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
     normal[..., 2] = 1.0
     bend = np.ones((n, k))
@@ -102,21 +116,30 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     weight = weight_offsets(scene, q, gravity_W)
     wanted = holding.wanted(hand, J, normal)
     friction = np.where(light.easing, holding.sliding_friction, holding.friction)
-    forces = balance_forces(
-        p,
-        -normal,
-        load,
-        p_WCom=X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3],
-        force_W=holding.force_W,
-        friction=friction,
-        torsion_radius=holding.torsion_radius,
-        J=J,
-        effort=_room(hand, q + weight, holding.effort),
-        preload=wanted + light.share * (LIGHT - wanted),
-        drag_W=holding.sliding_friction * light.slip_W,
-        held=held,
-    )
-    lost = INTERPOLATED * float(np.linalg.norm(holding.force_W))
+    p_WCom = X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3]
+    effort = _room(hand, q + weight, holding.effort)
+
+    def balanced(rows: slice) -> Forces:
+        return balance_forces(
+            p[rows],
+            -normal[rows],
+            load[rows],
+            p_WCom=p_WCom[rows],
+            force_W=holding.force_W,
+            friction=friction[rows],
+            torsion_radius=holding.torsion_radius,
+            J=J[rows],
+            effort=effort[:, rows],
+            preload=(wanted + light.share * (LIGHT - wanted))[rows],
+            drag_W=holding.sliding_friction * light.slip_W[rows],
+            held=held[rows],
+        )
+
+    try:
+        forces = balanced(slice(n))
+    except Unbalanced as e:
+        raise _blamed(e, balanced, legs, starts, X) from e
+    lost = INTERPOLATED * holding.weight
     finer = _finer(legs, starts, p, normal * touching[..., None], forces.f_W, lost)
     if finer is not None:
         return add_forces(finer, scene, gravity_W, holding)
@@ -136,6 +159,20 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
         out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
     return out
+
+
+def _blamed(
+    error: Unbalanced, balanced: Callable[[slice], Forces], legs: list[Leg], starts: np.ndarray, X_WO: np.ndarray
+) -> NoPlanFound:
+    """The error, told of the first knot that cannot be balanced by itself, where there is one."""
+    for j, X in enumerate(X_WO):
+        try:
+            balanced(slice(j, j + 1))
+        except Unbalanced:
+            leg = legs[min(int(np.searchsorted(starts, j, side="right")) - 1, len(legs) - 1)]
+            what = "no contact forces balance the object within friction, efforts and joint limits"
+            return no_plan(what, mode=leg.mode, constraint="balance", X_WO=X)
+    return error
 
 
 def _finer(

@@ -79,6 +79,8 @@ class Equilibrium:
         """
         self.tally = tally or Tally()
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
+        self.weight = 9.81 * mass
+        """Of the object on earth, N: what tolerances go by."""
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -96,12 +96,19 @@ def _check_names(task: Task, hand: Hand) -> None:
     """Fingers and mode codes of a task against the hand.
 
     Raises:
-        InputError: a finger or mode the hand does not have.
+        InputError: fingers or a mode the hand does not have.
     """
     for step in task.motion:
         names = (step.grasp.fingers or []) if step.grasp else []
         names = names + [s.finger for s in (step.slide, step.push) if s is not None]
         for name in names:
             hand.finger(name)
+    if task.options.min_contacts > len(hand.fingers):
+        raise InputError(
+            f"hand '{hand.name}' has {len(hand.fingers)} fingers",
+            key="options.min_contacts",
+            found=task.options.min_contacts,
+            expected=f"at most {len(hand.fingers)}",
+        )
     for i, text in enumerate(task.options.modes or []):
         Mode.parse(text, [f.name for f in hand.fingers], key=f"options.modes[{i}]")

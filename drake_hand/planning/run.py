@@ -89,13 +89,8 @@ class Run:
         if self.start.joints_deg:
             steps.start_inside(builder, self.clearance, self.start.joints_deg, self.task.options.model)
         builder = self._follow(builder, list(self.task.motion))
-        legs = builder.legs
-        holding = self._holding()
-        if isinstance(holding, Equilibrium):
-            with self.stage("forces"):
-                legs = add_forces(legs, self.scene, np.asarray(self.task.physics.gravity), holding)
         return Path(
-            legs=tuple(legs),
+            legs=tuple(builder.legs),
             hand=self.hand,
             object=self.object,
             task=self.task,
@@ -110,7 +105,7 @@ class Run:
     def _follow(self, builder: LegBuilder, todo: list[Step]) -> LegBuilder:
         """Carries out the steps; where one fails, takes the grasp before it back and tries another."""
         if not todo:
-            return builder
+            return self._with_forces(builder)
         step, rest, model = todo[0], todo[1:], self.task.options.model
         if step.grasp:
             moving = moving_steps(rest)
@@ -138,6 +133,16 @@ class Run:
             self._carry(builder, self._path(builder.X_WO, moving))
             rest = todo[len(moving) :]
         return self._follow(builder, rest)
+
+    def _with_forces(self, builder: LegBuilder) -> LegBuilder:
+        """With contact forces on all legs, where they are asked for."""
+        holding = self._holding()
+        if isinstance(holding, Equilibrium):
+            builder = builder.copy()
+            with self.stage("forces"):
+                gravity = np.asarray(self.task.physics.gravity)
+                builder.legs = add_forces(builder.legs, self.scene, gravity, holding)
+        return builder
 
     def _path(self, X_WO: np.ndarray, moving: list[Step]) -> ObjectPath:
         """The path of moving steps; finer for polyhedra, on which contacts move in jerks."""

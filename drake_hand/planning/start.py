@@ -71,7 +71,7 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
     samples, normals = surface.sample(8e-3)
-    near = np.abs(samples @ surface.long_axis) < _HALF_BREADTH
+    near = np.abs((samples - surface.centre) @ surface.long_axis) < _HALF_BREADTH
     samples, normals = samples[near], normals[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
     found = []
@@ -80,7 +80,7 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
         X = np.eye(4)
         about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
         X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
-        X[:3, 3] = rng.uniform(low, high)
+        X[:3, 3] = rng.uniform(low, high) - X[:3, :3] @ surface.centre
         C_W = [(samples + f.radius * normals) @ X[:3, :3].T + X[:3, 3] for f in clearance.hand.fingers]
         reached = [tree.query(C)[0] < _NEAR for tree, C in zip(trees, C_W, strict=True)]
         able = [len(np.unique(side[r])) >= _SIDES * len(sides) for r in reached]

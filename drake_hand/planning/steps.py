@@ -80,6 +80,7 @@ def start_inside(builder: LegBuilder, clearance: Clearance, joints_deg: dict[str
     # Tips that touch to within rounding are put exactly onto the surface.
     for hold in current_holds(builder, ReachTable(clearance, still(builder.X_WO), model)):
         builder.q[hand.fingers[hold.finger].columns] = hold.q[0]
+    builder.dwell()  # in which the grasp's forces rise
 
 
 def slide(

@@ -172,6 +172,9 @@ class Task(_Strict, frozen=True, kw_only=True):
                         fingers,
                         "distinct names",
                     )
+                if fingers is not None and len(fingers) < self.options.min_contacts:
+                    least = f"at least {self.options.min_contacts} (options.min_contacts)"
+                    refuse("too few fingers for a grasp", f"{key}.grasp.fingers", fingers, least)
                 held = True
             elif kind == "release":
                 if not held:
@@ -179,6 +182,8 @@ class Task(_Strict, frozen=True, kw_only=True):
                 held = False
             elif kind != "push" and not held:
                 refuse(f"'{kind}' needs a grasp before it", f"{key}.{kind}", kind, "a grasp before it")
+            if kind == "push" and self.options.hold == "equilibrium":
+                refuse("forces of a push and its support are not planned", "options.hold", "equilibrium", "kinematic")
             if step.rotate and sum(a * a for a in step.rotate.axis) < 1e-18:
                 refuse("axis of rotation is zero", f"{key}.rotate.axis", step.rotate.axis, "a direction")
         for key, asked in (("start", self.start), ("physics.gravity", self.physics.gravity)):

@@ -56,7 +56,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     plan.validate()
     hand = scene.hand if scene else Hand.load(plan.task.hand)
     object_ = Object.load(plan.task.object)
-    _check_models(plan, hand, object_)
+    check_models(plan, hand, object_)
     if scene is None:
         scene = Scene(hand, object_, object_mass=plan.object_mass_kg)
     findings = Findings()
@@ -76,7 +76,12 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     )
 
 
-def _check_models(plan: Plan, hand: Hand, object_: Object) -> None:
+def check_models(plan: Plan, hand: Hand, object_: Object) -> None:
+    """Refuses hands and objects other than those a plan was made for.
+
+    Raises:
+        InputError: saying what differs.
+    """
     mass = plan.task.physics.object_mass_kg
     for key, found, expected in (
         ("hand", plan.hand, hand.name),

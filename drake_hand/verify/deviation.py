@@ -11,6 +11,7 @@ from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Object
 from drake_hand.motion.plan import Plan
 from drake_hand.planning.task import Task
+from drake_hand.verify.goal import step_goal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +52,12 @@ def deviation(X_WO: np.ndarray, planned: np.ndarray, axis_W: np.ndarray) -> Devi
 
 def main_axis(task: Task, X_WO: np.ndarray, object_: Object) -> np.ndarray:
     """(3,) unit axis in W of the task's largest rotation, or the object's long axis at the (4, 4) start pose."""
-    turns = [step.rotate for step in task.motion if step.rotate]
-    if not turns:
-        return X_WO[:3, :3] @ Surface.of(object_).long_axis
-    turn = max(turns, key=lambda r: abs(r.angle_deg))
-    axis = np.array(turn.axis, dtype=float) / np.linalg.norm(turn.axis)
-    return X_WO[:3, :3] @ axis if turn.frame == "object" else axis
+    axis_W, largest = X_WO[:3, :3] @ Surface.of(object_).long_axis, 0.0
+    for step in task.motion:
+        X_WO, turned, angle = step_goal(step, X_WO)
+        if turned is not None and abs(angle) > largest:
+            axis_W, largest = turned, abs(angle)
+    return axis_W
 
 
 def slips(t: np.ndarray, X_WO: np.ndarray, slip_W: np.ndarray, part: np.ndarray, plan: Plan) -> list[Slip]:

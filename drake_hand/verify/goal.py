@@ -11,6 +11,9 @@ from drake_hand.motion.trajectory import States
 from drake_hand.planning.task import MoveTo, Pose, Step, Task
 from drake_hand.verify.findings import TOLERANCES, Findings
 
+MOVES = ("rotate", "translate", "move_to", "push")
+"""Kinds of steps after which the object is elsewhere."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
@@ -49,13 +52,13 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
     w, dt = states.V_WO[:, :3], np.diff(states.t)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
     X, first, stages = X_WO[0], 0, []
-    moving = [i for i, s in enumerate(task.motion) if s.kind in ("rotate", "translate", "move_to", "push")]
+    moving = [i for i, s in enumerate(task.motion) if s.kind in MOVES]
     for i, step in enumerate(task.motion):
         name = f"step {i + 1}, {step.kind}"
         if i not in moving:
             stages.append(Stage(step=step, name=name, first=first, last=first))
             continue
-        goal, axis, angle = _goal(step, X)
+        goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
         if axis is not None:
             winding = np.degrees(np.abs((turned[first:] - turned[first]) @ axis - angle))
@@ -68,9 +71,11 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
     return stages
 
 
-def _goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, float]:
+def step_goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, float]:
     """Pose after a step that starts at pose X; axis in W and angle in rad if it is a rotation."""
     goal = X.copy()
+    if step.kind not in MOVES:
+        return goal, None, 0.0
     if step.move_to:
         return pose(step.move_to), None, 0.0
     if step.translate or step.push:

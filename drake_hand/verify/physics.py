@@ -106,7 +106,7 @@ class Touch:
 class Physics:
     """One simulation: SAP contact, joint servos as in the hand file, the object free once :meth:`let_go` is called.
 
-    The object is held before that by locking its floating joint, the only fixture there is.
+    The object is held otherwise by locking its floating joint, the only fixture there is.
 
     Hydroelastic fingertips are compliant, the object rigid.
     """
@@ -195,8 +195,12 @@ class Physics:
         self._fixture.Lock(self._context)
 
     def let_go(self) -> None:
-        """Takes the fixture away, for good."""
+        """Takes the fixture away."""
         self._fixture.Unlock(self._context)
+
+    def take_back(self) -> None:
+        """Has the fixture hold the object again, where it is."""
+        self._fixture.Lock(self._context)
 
     def advance(self, t: float) -> None:
         """Simulates up to time t, s."""

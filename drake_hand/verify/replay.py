@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.motion.plan import Plan
 from drake_hand.motion.trajectory import Trajectory
+from drake_hand.verify.certificate import check_models
 from drake_hand.verify.physics import ContactKind, Perturbation, Physics
 from drake_hand.verify.run import Record, Run, judge
 
@@ -65,7 +68,8 @@ def simulate(
 ) -> Replay:
     """Plays a certified plan into physics, open loop, as often as asked.
 
-    A fixture holds the object until the grasp is complete, and is then gone: nothing but the fingers holds it.
+    A fixture holds the object until the grasp is complete, and is then gone: nothing but the fingers holds it, until
+    they release it to the fixture, where it then is.
     A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
 
     Args:
@@ -79,15 +83,20 @@ def simulate(
         progress: told how far it is.
 
     Raises:
-        InputError: the plan is not certified, or asks for what is not simulated.
+        InputError: the plan is not certified, or asks for what is not simulated; `runs` or `jobs` is below one.
+        DrakeHandError: a simulation broke down, or processes cannot start: a script that asks for several runs has to
+            do so under ``if __name__ == "__main__":``, as ever with :mod:`multiprocessing`.
     """
+    for key, value in (("runs", runs), ("jobs", jobs)):
+        if value is not None and value < 1:
+            raise InputError("too few", key=key, found=value, expected="1 or more")
     if not plan.certified:
         raise InputError("only certified plans are simulated", key="certificate", expected="one that holds")
     perturbed = runs > 1 if perturb is None else perturb
     rng = np.random.default_rng(seed)
     changes = [Perturbation.draw(rng) if perturbed else Perturbation() for _ in range(runs)]
     tell = progress or (lambda _: None)
-    workers = min(runs, jobs or os.cpu_count() or 1)
+    workers = min(runs, jobs or cores())
     done: dict[int, Run] = {}
 
     def finish(i: int, run: Run) -> None:
@@ -109,8 +118,12 @@ def simulate(
     else:
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
             futures = {pool.submit(_run, plan, change, contact): i for i, change in enumerate(changes)}
-            for future in as_completed(futures):
-                finish(futures[future], future.result())
+            try:
+                for future in as_completed(futures):
+                    finish(futures[future], future.result())
+            except BrokenProcessPool as e:
+                guard = 'does the script that calls simulate() lack `if __name__ == "__main__":`?'
+                raise DrakeHandError(f"a process of the simulation ended early; {guard}") from e
     if watch and (perturbed or workers > 1):
         watch(*replay(plan, None, contact, lambda x: tell(Progress(stage="run as planned", fraction=x))))
     results = [done[i] for i in range(runs)]
@@ -147,9 +160,12 @@ def replay(
     if any(step.push for step in plan.task.motion):
         raise InputError("a push needs a support, which is not simulated", key="task.motion", found="push")
     perturbation = perturbation or Perturbation()
-    hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object).with_mass(plan.object_mass_kg)
+    hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
+    check_models(plan, hand, object_)
+    object_ = object_.with_mass(plan.object_mass_kg)
     gravity = np.array(plan.task.physics.gravity)
-    free, end = hold_window(plan, object_.mass * gravity)
+    windows = hold_windows(plan)
+    free, end = windows[0][0], windows[-1][1]
     trajectory = Trajectory(plan)
     physics = Physics(
         hand,
@@ -170,13 +186,16 @@ def replay(
             physics.advance(t)
         except RuntimeError as e:
             raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e
-        if held and t >= free - 1e-9:
+        in_hand = bool(t > end) or any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
+        if in_hand and held:
             physics.let_go()
-            held = False
+        elif not in_hand and not held:
+            physics.take_back()
+        held = not in_hand
         q.append(physics.q)
         X_WO.append(physics.X_WO)
         touches.append(physics.touch())
-        dropped = not held and float(np.linalg.norm(X_WO[-1][:3, 3] - p_WO[k])) * 1e3 > DROPPED_MM
+        dropped = bool(t > free) and float(np.linalg.norm(X_WO[-1][:3, 3] - p_WO[k])) * 1e3 > DROPPED_MM
         if dropped:
             break
         if progress and k % 100 == 0:
@@ -194,31 +213,36 @@ def replay(
     return judge(record, plan, object_, perturbation, free=free, dropped=dropped), record
 
 
-def hold_window(plan: Plan, weight_W: np.ndarray) -> tuple[float, float]:
-    """When the fixture lets go, and until when the fingers are to hold the object.
+def hold_windows(plan: Plan) -> list[tuple[float, float]]:
+    """From when to when the fingers are to hold the object without a fixture, grasp by grasp, s.
 
-    The grasp is complete at the first knot at which the planned forces balance the weight and have stopped rising
-    (for kinematic plans: at which enough fingers touch). The hold ends at the last such knot.
+    A grasp is complete at the first knot at which the planned forces balance the weight and have stopped rising
+    (for kinematic plans: at which enough fingers touch). Its hold ends at the last such knot.
 
     Raises:
-        InputError: the fingers never hold the object.
+        InputError: the fingers never hold the object for a while.
     """
-    options = plan.task.options
-    held = []
-    for part in plan.parts:
-        forces = [np.array(c.f_W) for c in part.contacts.values() if c.f_W is not None]
-        if forces:
-            residual = np.linalg.norm(np.sum(forces, axis=0) + weight_W, axis=1)
-            pressed = np.sum([np.linalg.norm(f, axis=1) for f in forces], axis=0)
-            rising = np.diff(pressed, append=pressed[-1]) > 0.05 * pressed
-            good = (residual <= 0.02 * np.linalg.norm(weight_W) + 1e-6) & ~rising
-        else:
-            enough = len(part.contacts) >= max(1, options.min_contacts)
-            good = np.full(len(part.t), enough and options.hold == "kinematic")
-        held += [t for t, yes in zip(part.t, good, strict=True) if yes]
-    if not held:
+    options, weight_W = plan.task.options, plan.object_mass_kg * np.array(plan.task.physics.gravity)
+    tolerance = 0.02 * 9.81 * plan.object_mass_kg
+    windows = []
+    for _, parts in itertools.groupby(plan.parts, key=lambda part: bool(part.contacts)):
+        held = []
+        for part in parts:
+            forces = [np.array(c.f_W) for c in part.contacts.values() if c.f_W is not None]
+            if forces:
+                residual = np.linalg.norm(np.sum(forces, axis=0) + weight_W, axis=1)
+                pressed = np.sum([np.linalg.norm(f, axis=1) for f in forces], axis=0)
+                rising = np.diff(pressed, append=pressed[-1]) > 0.05 * pressed
+                good = (residual <= tolerance) & (pressed > 0) & ~rising
+            else:
+                enough = len(part.contacts) >= max(1, options.min_contacts)
+                good = np.full(len(part.t), enough and options.hold == "kinematic")
+            held += [t for t, yes in zip(part.t, good, strict=True) if yes]
+        if held and held[-1] - held[0] >= 2 * SAMPLE:
+            windows.append((held[0], held[-1]))
+    if not windows:
         raise InputError("in this plan the fingers never hold the object", key="parts", expected="a part that holds it")
-    return held[0], held[-1]
+    return windows
 
 
 def commands(trajectory: Trajectory) -> PiecewisePolynomial:
@@ -234,6 +258,11 @@ def commands(trajectory: Trajectory) -> PiecewisePolynomial:
     rates[[0, -1]] = 0.0
     q = PiecewisePolynomial.CubicHermite(t, held(states.q), held(rates))
     return q + PiecewisePolynomial.FirstOrderHold(t, held(states.q_offset))
+
+
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run(plan: Plan, perturbation: Perturbation, contact: ContactKind) -> Run:

@@ -72,6 +72,14 @@ def test_preloads_out_of_reach_are_approached_in_proportion():
     np.testing.assert_allclose(N[0], [0.03, 0.09, 0.03], atol=3e-3)
 
 
+def test_a_joint_at_its_limit_still_presses_away_from_it():
+    p, n, J = rod(1, [-90, 90], [0.0, 0.0])
+    room = np.full((2, 1, 2, 3), 0.075)
+    room[:, 0, 0] = [[0.075] * 3, [0.0, 0.0, 0.0]]  # the finger below presses upwards: none is left the other way
+    N = np.sum(solve(p, n, np.ones((1, 2)), J, effort=room).f_W * n, -1)
+    assert N.min() >= 0.4 - 1e-3
+
+
 def test_friction_is_spared():
     p, n, J = rod(1, *CAGE)
     load = np.ones((1, 5))

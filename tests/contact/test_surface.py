@@ -255,6 +255,15 @@ def test_long_axis_and_extent():
     np.testing.assert_allclose(along_z("box", (0.04, 0.06, 0.02)).long_axis, [0, 1, 0])
 
 
+def test_an_origin_elsewhere_makes_nothing_longer():
+    X = np.eye(4)
+    X[0, 3] = 0.2
+    surface = Surface((Geometry(kind="cylinder", X_OG=X, size=(0.01, 0.1)),))
+    np.testing.assert_allclose(surface.centre, [0.2, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(surface.extent, [0.01, 0.01, 0.05])
+    np.testing.assert_allclose(surface.long_axis, [0, 0, 1])
+
+
 def test_symmetry():
     axis, here = np.array([0, 0, 1.0]), np.zeros(3)
     assert along_z("cylinder", (0.01, 0.1)).symmetric_about(axis, here)

@@ -1,8 +1,11 @@
 """Starts worth planning from, and how the palm is turned."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
@@ -46,6 +49,25 @@ def test_a_free_palm_is_tried_every_way(clearance):
     assert len(starts(kinematic, clearance)) == 1, "gravity does not matter"
 
 
+def test_an_object_far_from_its_origin_is_placed_by_its_middle(clearance):
+    """The same pencil, its origin 0.2 m beside it along its axis."""
+    pencil = Object.load("pencil_r8")
+    away = replace(pencil, geometries=tuple(replace(g, X_OG=shifted(g.X_OG)) for g in pencil.geometries))
+    beside = Clearance(Scene(Hand.load("kanguera"), away))
+    for here, there in zip(starts(spin(start="auto"), clearance), starts(spin(start="auto"), beside), strict=True):
+        R = Rotation.from_euler("xyz", here.start.rpy_deg, degrees=True).as_matrix()
+        np.testing.assert_allclose(there.start.rpy_deg, here.start.rpy_deg, atol=1e-3)
+        np.testing.assert_allclose(
+            there.start.xyz_mm, np.array(here.start.xyz_mm) - R[:, 2] * 200, atol=4
+        )  # a degree, rounded
+
+
+def shifted(X_OG: np.ndarray) -> np.ndarray:
+    X = X_OG.copy()
+    X[2, 3] += 0.2
+    return X
+
+
 def test_starts_depend_on_the_seed_alone(clearance):
     task = spin(start="auto")
     assert starts(task, clearance) == starts(task, clearance)
@@ -60,7 +82,8 @@ def test_the_path_says_which_palm_it_is_for():
 
 
 def test_a_free_palm_needs_a_grasp_first():
-    task = spin(motion=[Step(push=Push(finger="index", by_mm=(5.0, 0.0, 0.0)))], physics=Physics(gravity="auto"))
+    push = Step(push=Push(finger="index", by_mm=(5.0, 0.0, 0.0)))
+    task = spin(motion=[push], physics=Physics(gravity="auto"), options=Options(hold="kinematic"))
     with pytest.raises(InputError, match=r"physics\.gravity"):
         task.validate()
 

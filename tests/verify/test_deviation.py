@@ -47,6 +47,9 @@ def test_axis_is_that_of_the_largest_rotation():
     pencil = Object.load("pencil_r8")
     small, large = Rotate(axis=(1, 0, 0), angle_deg=20), Rotate(axis=(0, 0, -2), angle_deg=-90)
     np.testing.assert_allclose(main_axis(task(Step(rotate=small), Step(rotate=large)), X, pencil), [0, 0, -1])
+    own = Step(rotate=Rotate(axis=(0, 0, 1), frame="object", angle_deg=360))
+    aside = Step(rotate=Rotate(axis=(1, 0, 0), angle_deg=90))
+    np.testing.assert_allclose(main_axis(task(aside, own), np.eye(4), pencil), [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(
         main_axis(task(Step(translate=Translate(by_mm=(1, 0, 0)))), X, pencil), [0, -1, 0], atol=1e-12
     )

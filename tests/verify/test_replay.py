@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from drake_hand.errors import InputError
-from drake_hand.motion.plan import Certificate
+from drake_hand.motion.plan import Certificate, Part
 from drake_hand.motion.trajectory import Trajectory
 from drake_hand.verify.physics import Perturbation
-from drake_hand.verify.replay import commands, hold_window, replay, simulate
+from drake_hand.verify.replay import commands, hold_windows, replay, simulate
 from tests.verify.held import END, RAMP, held_plan
 
 WEIGHT = np.array([0, 0, -0.015 * 9.81])
@@ -55,7 +55,7 @@ def test_it_falls_on_slippery_fingers(plan):
 
 
 def test_the_fixture_holds_until_the_grasp_is_complete_and_no_longer(plan):
-    assert hold_window(plan, WEIGHT) == pytest.approx((RAMP, END))
+    assert hold_windows(plan) == [pytest.approx((RAMP, END))]
     _, pushed = replay(plan, Perturbation(shift_mm=(0.0, 0.0, 1.0)), contact="point")
     still = pushed.t <= RAMP
     np.testing.assert_allclose(pushed.X_WO[still] - pushed.X_WO[0], 0, atol=1e-9)
@@ -119,7 +119,45 @@ def test_uncertified_plans_are_refused(plan):
         simulate(edited)
 
 
+def test_a_plan_for_another_object_is_refused(plan):
+    with pytest.raises(InputError, match="another model"):
+        simulate(certified(msgspec.structs.replace(plan, object_sha256="0" * 64)))
+
+
+@pytest.mark.parametrize("wrong", [{"runs": 0}, {"jobs": 0}])
+def test_numbers_of_runs_and_processes_are_checked(plan, wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        simulate(certified(plan), **wrong)
+
+
+def test_the_fixture_takes_the_object_back_between_grasps(plan):
+    """The same grasp twice: forces up, held, forces down while the fixture has it, no finger near for a while."""
+    (part,) = plan.parts
+    again = 2 * END + 1.0
+    nothing = [[0.0] * len(part.q[0])] * 2
+    apart = Part(
+        mode="00000",
+        events=[],
+        t=[END, again],
+        q=[part.q[-1], part.q[0]],
+        v=nothing,
+        X_WO=part.X_WO[:2],
+        V_WO=part.V_WO[:2],
+        contacts={},
+        q_offset=[part.q_offset[-1], part.q_offset[0]],
+    )
+    twice = [part, apart, msgspec.structs.replace(part, t=[t + again for t in part.t])]
+    both = msgspec.structs.replace(plan, parts=twice)
+    assert hold_windows(both) == [pytest.approx((RAMP, END)), pytest.approx((again + RAMP, again + END))]
+    run, record = replay(both, contact="point")
+    assert not run.dropped
+    assert run.free_s == pytest.approx(RAMP)
+    assert run.success
+    between = (record.t > END + 0.01) & (record.t < again)
+    np.testing.assert_allclose(record.X_WO[between] - record.X_WO[between][0], 0, atol=1e-9)
+
+
 def test_a_plan_that_never_holds_is_refused(plan):
     part = msgspec.structs.replace(plan.parts[0], mode="00000", contacts={}, q_offset=None)
     with pytest.raises(InputError, match="never hold"):
-        hold_window(msgspec.structs.replace(plan, parts=[part]), WEIGHT)
+        hold_windows(msgspec.structs.replace(plan, parts=[part]))
