@@ -1,7 +1,7 @@
 """What physics makes of plans in equilibrium: plans, certifies and replays the cases of a group, a table row each.
 
-    python benchmarks/replays.py turns objects --runs 20
-    python benchmarks/replays.py palms
+    python benchmarks/replays.py turns --only "spin 360 deg" --runs 20
+    python benchmarks/replays.py palms objects
     python benchmarks/replays.py allegro --runs 20 --models ../shared/models
 
 Each plan is replayed once as planned, and with ``--runs N`` N times more with friction, mass and stiffness up to 20 %
@@ -21,6 +21,7 @@ import msgspec
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
+from drake_hand.motion.plan import Plan
 from drake_hand.planning.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
 from drake_hand.verify.replay import Replay, simulate
 
@@ -125,7 +126,7 @@ def row(label: str, task: Task, runs: int) -> str:
     margin = plan.certificate.worst["force_margin"].value
     nominal = simulate(plan)
     cells = [
-        label,
+        label + (f", start {found(plan)}" if task.start == "auto" else ""),
         f"{result.plan_s:.0f}",
         str(result.regrasps),
         f"{plan.duration:.0f}",
@@ -134,6 +135,13 @@ def row(label: str, task: Task, runs: int) -> str:
     ]
     cells += perturbed(simulate(plan, runs=runs, perturb=True)) if runs else ["", ""]
     return f"| {' | '.join(cells)} |"
+
+
+def found(plan: Plan) -> str:
+    """The start pose the planner found: mm; roll, pitch, yaw in deg."""
+    start = plan.task.start
+    assert isinstance(start, Pose), "a plan states its start"
+    return "; ".join(", ".join(f"{x:g}" for x in row) for row in (start.xyz_mm, start.rpy_deg))
 
 
 def errors(replay: Replay) -> str:

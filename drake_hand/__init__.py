@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from drake_hand.api import check, plan, show
+    from drake_hand.contact.grasp_measures import grasp_measures
     from drake_hand.model.hand import Hand
     from drake_hand.model.object import Object
     from drake_hand.motion.plan import Plan
     from drake_hand.planning.task import Task
+    from drake_hand.verify.replay import simulate
 
 __version__ = "0.1.0"
 
@@ -18,12 +20,13 @@ _HOME = {
     "Plan": "drake_hand.motion.plan",
     "Task": "drake_hand.planning.task",
     "check": "drake_hand.api",
+    "grasp_measures": "drake_hand.contact.grasp_measures",
     "plan": "drake_hand.api",
     "show": "drake_hand.api",
     "simulate": "drake_hand.verify.replay",
 }
 
-__all__ = ["Hand", "Object", "Plan", "Task", "check", "plan", "show", "simulate"]
+__all__ = ["Hand", "Object", "Plan", "Task", "check", "grasp_measures", "plan", "show", "simulate"]
 
 
 def __getattr__(name: str) -> Any:

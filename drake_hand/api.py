@@ -94,7 +94,7 @@ def plan(
 
 
 def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> Certificate:
-    """Proves a plan again, by code that shares nothing with the planner but the model (DESIGN 3.4)."""
+    """Proves a plan again, by code that shares nothing with the planner but the model."""
     from drake_hand.planning.search import Progress
     from drake_hand.verify.certificate import certify
 

@@ -49,7 +49,7 @@ def build(tokens: Sequence[str]) -> App:
 
 
 def run(tokens: Sequence[str]) -> int:
-    """Runs a command; returns its exit status (DESIGN 3.3). Errors become one message and the status of their kind."""
+    """Runs a command; returns its exit status. Errors become one message and the status of their kind."""
     as_json = "--json" in tokens
     try:
         result = build(tokens)(list(tokens), exit_on_error=False, print_error=False, result_action="return_value")

@@ -37,7 +37,7 @@ def margins(
     sum f_i + force = 0, torques about the centre of mass balanced, f_i inside its friction pyramid and torsion
     limit (soft finger), normal forces between s and `f_max`, joint torques abs(J_i^T f_i) <= effort_i. Pyramid and
     effort limits are inner approximations: a yes is a yes for the cones too. A set holds with preload s0 where its
-    margin is >= s0; DESIGN section 4.4.
+    margin is >= s0.
 
     Args:
         p_WP: (N, k, 3) contact points, m.

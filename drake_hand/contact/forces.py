@@ -65,7 +65,7 @@ def balance_forces(
     One sparse cone program over all knots: minimises squared deviations of normal forces from `preload`, squared
     friction forces, squared changes from knot to knot and, above all, the largest share of its preload that a contact
     lacks; subject to balance, round friction cones with soft-finger torsion and joint efforts. Little lacking means a
-    large margin against pose errors (facts: preload >= tip stiffness x pose error). DESIGN section 4.4.
+    large margin against pose errors.
 
     Args:
         p_WP: (n, k, 3) contact points, m.

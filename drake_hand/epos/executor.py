@@ -65,7 +65,7 @@ class Run:
         return self.record.header.ok
 
     def answer(self) -> dict:
-        """The JSON object of ``execute`` (DESIGN 3.3), and what explains the tracking error."""
+        """The JSON object of ``execute``, and what explains the tracking error."""
         record, header = self.record, self.record.header
         error = np.abs(record.error_deg[record.playing])
         worst = np.nan_to_num(error).max(axis=0, initial=0.0)

@@ -13,7 +13,7 @@ from drake_hand.epos.schedule import CLOCK_TOLERANCE, Schedule
 from drake_hand.epos.state import Control
 
 QUEUE_S = 0.4
-"""Time kept queued; 0.5 s at most (DESIGN of the stops)."""
+"""Time kept queued; 0.5 s at most."""
 LOW_S = 0.1
 """Less than this queued before the end stops the group: the drive would fault at two records."""
 

@@ -28,7 +28,7 @@ class Automaton:
     """Commanded joints, in the order of q."""
     object_name: str
     model: Literal["rolling", "pivot"] = "rolling"
-    """What rolling means (DESIGN 3.1)."""
+    """What rolling means."""
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     @classmethod
@@ -76,7 +76,7 @@ class Automaton:
     def init(self, mode: Mode) -> Predicate:
         """Where a run may start in this mode: its invariant holds and everything is at rest.
 
-        In a mode without contact, and until a grasp is complete, a fixture holds the object (DESIGN 3.1).
+        In a mode without contact, and until a grasp is complete, a fixture holds the object.
         """
         return Predicate(name=f"init({mode})", clauses=self.inv(mode).clauses + self._clauses.at_rest())
 

@@ -19,7 +19,7 @@ class Tolerances:
     """What counts as zero."""
 
     contact: float = 1e-4
-    """Gap of a fingertip in contact, m (DESIGN 3.4)."""
+    """Gap of a fingertip in contact, m."""
     penetration: float = 1e-6
     """Overlap of a pair that may not overlap, m."""
     limit: float = 1e-6

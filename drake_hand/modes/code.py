@@ -13,7 +13,7 @@ from drake_hand.errors import InputError
 
 @dataclass(frozen=True, order=True)
 class Mode:
-    """A vertex of the hybrid automaton: how each finger relates to the object (DESIGN 1; paper, Fig. 11)."""
+    """A vertex of the hybrid automaton: how each finger relates to the object (paper, Fig. 11)."""
 
     submodels: tuple[Submodel, ...]
     """In the hand's order, little finger first, thumb last."""

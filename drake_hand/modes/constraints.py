@@ -80,7 +80,7 @@ def build_ik(
     q_guess: np.ndarray | None = None,
     options: IkOptions | None = None,
 ) -> ModeProgram:
-    """Builds the inverse kinematics of a mode (DESIGN 4.3).
+    """Builds the inverse kinematics of a mode.
 
     A rolling finger's tip centre is held at a point of the object's surface expanded by the tip's radius; a sliding
     one's stays on that surface, within a range along the tangents at the point; all else stays clear. Drake adds joint

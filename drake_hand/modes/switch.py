@@ -21,7 +21,7 @@ EVENT_KINDS: dict[tuple[Submodel, Submodel], EventKind] = {
     (Submodel.SLIDE, Submodel.ROLL): "stick",
     (Submodel.ROLL, Submodel.SLIDE): "slip",
 }
-"""Event of a finger that changes its submodel (DESIGN 1)."""
+"""Event of a finger that changes its submodel."""
 
 
 @dataclass(frozen=True)

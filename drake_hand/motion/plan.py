@@ -1,4 +1,4 @@
-"""`Plan` and its file: parts, trajectories, forces and certificate as strict JSON (DESIGN 3.2). Needs no Drake."""
+"""`Plan` and its file: parts, trajectories, forces and certificate as strict JSON. Needs no Drake."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Worst(_Strict, frozen=True, kw_only=True):
 
 
 class Certificate(_Strict, frozen=True, kw_only=True):
-    """What the independent checker found (DESIGN 3.4)."""
+    """What the independent checker found."""
 
     certified: bool
     samples: int

@@ -1,4 +1,4 @@
-"""`time_path`: gives a path its times and makes it a plan (DESIGN section 4.6)."""
+"""`time_path`: gives a path its times and makes it a plan."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Trajectory:
     """A plan as functions of time.
 
     q and X_WO are cubic Hermite between knots (the quaternion then normalised), contact points, forces and
-    offsets linear (DESIGN 3.2). Times outside the plan, or outside the asked part, are held at its ends with zero
+    offsets linear. Times outside the plan, or outside the asked part, are held at its ends with zero
     rates.
     """
 

@@ -1,4 +1,4 @@
-"""The task file: what is asked, as typed YAML (DESIGN 3.1). Needs no Drake."""
+"""The task file: what is asked, as typed YAML. Needs no Drake."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def _add_torsion(torque: np.ndarray, n: np.ndarray, limit: np.ndarray) -> np.nda
 
 
 def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-    """When the fixture has the object instead of the fingers (DESIGN 3.1: until the grasp is complete).
+    """When the fixture has the object instead of the fingers (until the grasp is complete).
 
     Every stretch without any contact, and the plan's beginning, count; each reaches as far as the object lies still
     and the fingers do not hold it yet (any more), or their forces still come nearer to balance. From the first moment

@@ -20,7 +20,7 @@ from drake_hand.verify.observe import observe
 
 
 def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
-    """Checks a plan against everything DESIGN 3.4 asks of it.
+    """Checks a plan against everything asked of it.
 
     Fields of the certificate, each with its worst value, where and when it happened, and its limit:
 

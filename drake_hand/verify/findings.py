@@ -1,4 +1,4 @@
-"""Certificate fields, their tolerances (DESIGN 3.4), and the worst of many values."""
+"""Certificate fields, their tolerances, and the worst of many values."""
 
 from __future__ import annotations
 

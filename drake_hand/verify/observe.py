@@ -15,7 +15,7 @@ from drake_hand.motion.trajectory import States, Trajectory
 
 STEP_S = 2e-3
 STEP_DEG = 0.25
-"""Largest distance between samples in time and in rotation of the object (DESIGN 3.4)."""
+"""Largest distance between samples in time and in rotation of the object."""
 NEAR = 2e-3
 """m; clearances beyond this are not looked at."""
 

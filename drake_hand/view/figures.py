@@ -18,7 +18,7 @@ from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
 
 SAMPLES = 2000
 GAP_MM = 0.1
-"""Contact gap the certificate allows (DESIGN 3.4)."""
+"""Contact gap the certificate allows."""
 
 
 def draw_plan(plan: Plan, hand: Hand, folder: Path) -> list[Path]:
