@@ -153,6 +153,12 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
             # A free finger fades from what its last contact left to what the next one begins with.
             offset[:, c] = np.interp(knots, knots[on], offset[on, c])
     offset += weight
+    for finger, on in zip(hand.fingers, touching.T, strict=True):
+        # A free finger at a joint's limit sags onto it rather than being commanded beyond.
+        for c in finger.columns:
+            command = q[:, c] + offset[:, c]
+            beyond = ~on & ((command < hand.q_lower[c]) | (command > hand.q_upper[c]))
+            offset[beyond, c] = (np.clip(command, hand.q_lower[c], hand.q_upper[c]) - q[:, c])[beyond]
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)

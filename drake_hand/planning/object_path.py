@@ -25,7 +25,7 @@ def pose(p: Pose | MoveTo) -> np.ndarray:
 
 def as_pose(X_WO: np.ndarray) -> Pose:
     """A pose as a person writes it, to the millimetre and degree."""
-    rpy = Rotation.from_matrix(X_WO[:3, :3]).as_euler("xyz", degrees=True)
+    rpy = Rotation.from_matrix(X_WO[:3, :3]).as_euler("xyz", degrees=True, suppress_warnings=True)
     return Pose(xyz_mm=tuple(np.round(X_WO[:3, 3] * 1e3).tolist()), rpy_deg=tuple(np.round(rpy).tolist()))
 
 

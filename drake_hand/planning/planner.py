@@ -23,6 +23,8 @@ from drake_hand.planning.task import Task
 
 TRIED = 5
 """Start poses, best first, that are planned from."""
+RATING = 0.6
+"""Share of the time limit after which no further start is rated."""
 
 
 def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Path:
@@ -64,7 +66,7 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
 
 def _find_start(run: Run) -> Path:
     """Plans from the start poses and palm directions that are rated best, one after the other."""
-    rng = np.random.default_rng(run.task.options.seed)
+    rng, started = np.random.default_rng(run.task.options.seed), time.monotonic()
     rated: list[tuple[float, Task]] = []
     with run.stage("start"):
         tasks = list(start.variants(run.task, run.clearance, rng))
@@ -73,7 +75,7 @@ def _find_start(run: Run) -> Path:
             rated.append((run.rate(), task))
             fraction = (k + 1) / len(tasks)
             run.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - run.started))
-            if time.monotonic() > run.deadline:
+            if time.monotonic() > started + RATING * (run.deadline - started):
                 break
     failures: list[NoPlanFound] = []
     for value, task in sorted(rated, key=lambda r: -r[0])[:TRIED]:
@@ -84,6 +86,8 @@ def _find_start(run: Run) -> Path:
             return run.plan()
         except NoPlanFound as e:
             failures.append(e)
+            if time.monotonic() > run.deadline:
+                break
     if failures:
         raise max(failures, key=lambda e: e.evidence.get("progress", 0.0))
     raise NoPlanFound(
