@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
@@ -47,6 +48,18 @@ fingers:
 defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 3, damping_nm_s_rad: 0.1}}
 """
 """Half of the 0.7 Nm that the maker states; servo gains are assumptions."""
+
+TRIFINGER = """
+name: trifinger_pro
+urdf: {models}/hands/trifinger_pro/trifingerpro.urdf
+palm: upper_holder_link
+fingers:
+- {{name: finger_1, tip: {{link: finger_tip_link_0, radius_mm: 9.98, xyz_mm: [0.01, 0.01, -0.01]}}}}
+- {{name: finger_2, tip: {{link: finger_tip_link_120, radius_mm: 9.98, xyz_mm: [0.01, 0.01, -0.01]}}}}
+- {{name: finger_3, tip: {{link: finger_tip_link_240, radius_mm: 9.98, xyz_mm: [0.01, 0.01, -0.01]}}}}
+defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.5, stiffness_nm_rad: 3, damping_nm_s_rad: 0.05}}
+"""
+"""As `drake-hand hand init` proposes it."""
 
 Case = tuple[str, Task]
 
@@ -91,16 +104,34 @@ def objects(_: Path) -> Iterator[Case]:
 
 def allegro(models: Path) -> Iterator[Case]:
     """The Allegro hand, palm up: a stick and a cube of 65 mm by 90 deg."""
-    with tempfile.TemporaryDirectory() as folder:
-        hand = Path(folder) / "allegro.hand.yaml"
-        hand.write_text(ALLEGRO.format(models=models.resolve()), encoding="utf-8")
-        cube = str(models.resolve() / "objects/trifinger_cube/cube_v2.urdf")
+    with hand_file(ALLEGRO, models) as hand:
         heavy = Physics(gravity=PALMS["up"], friction=0.5, object_mass_kg=0.1)
-        stick = turn(str(hand), "pencil_r12", NORMAL, PALMS["up"])
+        stick = turn(hand, "pencil_r12", NORMAL, PALMS["up"])
         yield "Allegro, stick about the palm's normal", stick
         yield "Allegro, stick of 100 g, friction 0.5", msgspec.structs.replace(stick, physics=heavy)
-        yield "Allegro, stick about its own axis", turn(str(hand), "pencil_r12", own(90.0), PALMS["up"])
-        yield "Allegro, cube about the palm's normal", turn(str(hand), cube, NORMAL, PALMS["up"])
+        yield "Allegro, stick about its own axis", turn(hand, "pencil_r12", own(90.0), PALMS["up"])
+        yield "Allegro, cube about the palm's normal", turn(hand, cube(models), NORMAL, PALMS["up"])
+
+
+def trifinger(models: Path) -> Iterator[Case]:
+    """The TriFinger Pro, which hangs from above: the cube it was built for, by 20 deg about the vertical."""
+    with hand_file(TRIFINGER, models) as hand:
+        vertical = Rotate(axis=(0.0, 0.0, 1.0), angle_deg=20.0)
+        yield "TriFinger Pro, cube about the vertical", turn(hand, cube(models), vertical, (0.0, 0.0, -9.81))
+
+
+@contextmanager
+def hand_file(text: str, models: Path) -> Iterator[str]:
+    """A hand file for a URDF from elsewhere, while it is needed."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "other.hand.yaml"
+        file.write_text(text.format(models=models.resolve()), encoding="utf-8")
+        yield str(file)
+
+
+def cube(models: Path) -> str:
+    """Of 65 mm."""
+    return str(models.resolve() / "objects/trifinger_cube/cube_v2.urdf")
 
 
 def kinematic(_: Path) -> Iterator[Case]:
@@ -111,7 +142,7 @@ def kinematic(_: Path) -> Iterator[Case]:
 
 
 GROUPS: dict[str, Callable[[Path], Iterator[Case]]] = {
-    f.__name__: f for f in (turns, palms, objects, allegro, kinematic)
+    f.__name__: f for f in (turns, palms, objects, allegro, trifinger, kinematic)
 }
 
 
@@ -172,7 +203,7 @@ def main() -> None:
     parser.add_argument("groups", nargs="+", choices=GROUPS, metavar="GROUP", help=", ".join(GROUPS))
     parser.add_argument("--runs", type=int, default=0, help="perturbed replays of each plan")
     parser.add_argument("--only", default="", help="cases whose name contains this")
-    parser.add_argument("--models", type=Path, default=Path("../shared/models"), help="folder with the Allegro hand")
+    parser.add_argument("--models", type=Path, default=Path("../shared/models"), help="folder with the other hands")
     options = parser.parse_args()
     print(
         "| case | plan time s | regrasps | duration s | force margin | as planned: mm / tilt deg / turn deg "
