@@ -1,0 +1,29 @@
+"""How little friction a plan gets by with: the bundled spin, planned for 0.8, replayed with less.
+
+    python benchmarks/friction.py
+"""
+
+from __future__ import annotations
+
+from drake_hand import api
+from drake_hand.planning.task import Task
+from drake_hand.verify.physics import Perturbation
+from drake_hand.verify.replay import replay
+
+SHARES = (1.0, 0.75, 0.625, 0.5625, 0.5)
+"""Of the friction the task states; plans rely on 0.55 of it."""
+
+
+def main() -> None:
+    """Prints the table."""
+    plan = api.solve(Task.load("spin")).plan
+    print("| friction | at the end: mm / tilt deg / turn deg |\n|---|---|")
+    for share in SHARES:
+        run, _ = replay(plan, Perturbation(friction=share))
+        errors = f"{run.position_error_mm:.2f} / {run.tilt_error_deg:.2f} / {run.rotation_error_deg:.2f}"
+        ends = f"dropped after {run.end_s - run.free_s:.1f} s" if run.dropped else errors
+        print(f"| {share * plan.task.physics.friction:.2f} | {ends} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
