@@ -1,6 +1,6 @@
 """How little friction a plan gets by with: the bundled spin, planned for 0.8, replayed with less.
 
-    python benchmarks/friction.py
+python benchmarks/friction.py
 """
 
 from __future__ import annotations
