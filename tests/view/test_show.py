@@ -133,6 +133,12 @@ def test_chromium_shows_hand_mode_and_time(page, tmp_path):
         box = tab.locator("#dh-line").bounding_box()
         tab.mouse.click(box["x"] + box["width"] * 0.6, box["y"] + 20)
         tab.wait_for_function("Math.abs(viewer.animator.actions[0].time - 4.5) > 0.5")
+
+        tab.evaluate("viewer.animator.seek(4.8); viewer.animator.play()")
+        tab.wait_for_function("!viewer.animator.playing")
+        tab.wait_for_function("document.querySelector('#dh-time').textContent === '5.00 s'")
+        tab.locator("#dh-play").click()
+        tab.wait_for_function("viewer.animator.playing && viewer.animator.actions[0].time < 3")
         browser.close()
     assert problems == []
     assert {url.partition(":")[0] for url in asked} <= {"file", "data", "blob"}, "the page needs no network"
