@@ -98,6 +98,8 @@ def palms(_: Path) -> Iterator[Case]:
 def objects(_: Path) -> Iterator[Case]:
     """Other motions and objects with the Kanguera hand, palm up."""
     yield "carry", Task.load("carry")
+    far = msgspec.structs.replace(Task.load("carry_far"), start="auto", options=Options(time_limit_s=180.0))
+    yield "carry 40 mm along the pencil", far
     yield "sphere 90 deg", turn("kanguera", "sphere", NORMAL, PALMS["up"])
     yield "cube 90 deg", turn("kanguera", "cube", NORMAL, PALMS["up"])
 
