@@ -1,9 +1,12 @@
+import subprocess
+import sys
 from itertools import pairwise
 
 import msgspec
 import numpy as np
 import pytest
 
+from drake_hand import cli
 from drake_hand.errors import InputError
 from drake_hand.motion.plan import Certificate, Part
 from drake_hand.motion.trajectory import Trajectory
@@ -128,6 +131,35 @@ def test_a_plan_for_another_object_is_refused(plan):
 def test_numbers_of_runs_and_processes_are_checked(plan, wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         simulate(certified(plan), **wrong)
+
+
+def test_results_are_printed_though_the_page_cannot_be_written(plan, tmp_path, capsys):
+    file = tmp_path / "held.plan.json"
+    certified(plan).save(file)
+    assert cli.run(["simulate", str(file), "--html", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert "success rate 100%" in out
+    assert str(tmp_path) in err
+    assert [p.name for p in tmp_path.iterdir()] == [file.name]
+
+
+def test_seeds_are_not_negative(plan, tmp_path, capsys):
+    file = tmp_path / "held.plan.json"
+    certified(plan).save(file)
+    assert cli.run(["simulate", str(file), "--seed", "-1"]) == 2
+    assert "seed" in capsys.readouterr().err
+
+
+def test_a_script_without_a_guard_is_told_so(plan, tmp_path):
+    certified(plan).save(tmp_path / "held.plan.json")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import drake_hand\n"
+        f"drake_hand.simulate(drake_hand.Plan.load({str(tmp_path / 'held.plan.json')!r}), runs=2, jobs=2)\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode != 0
+    assert "does the script that calls simulate() lack `if __name__" in done.stderr
 
 
 def test_the_fixture_takes_the_object_back_between_grasps(plan):
