@@ -1,7 +1,4 @@
-"""How little friction a plan gets by with: the bundled spin, planned for 0.8, replayed with less.
-
-python benchmarks/friction.py
-"""
+"""How little friction a plan gets by with: the bundled spin, planned for 0.8, replayed with less."""
 
 from __future__ import annotations
 

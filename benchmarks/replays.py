@@ -96,7 +96,7 @@ def palms(_: Path) -> Iterator[Case]:
 
 
 def objects(_: Path) -> Iterator[Case]:
-    """Other motions and objects with the Kanguera hand, palm up."""
+    """Other motions and objects with the Kanguera hand."""
     yield "carry", Task.load("carry")
     far = msgspec.structs.replace(Task.load("carry_far"), start="auto", options=Options(time_limit_s=180.0))
     yield "carry 40 mm along the pencil", far

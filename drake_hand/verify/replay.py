@@ -186,16 +186,17 @@ def replay(
             physics.advance(t)
         except RuntimeError as e:
             raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e
-        in_hand = bool(t > end) or any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
-        if in_hand and held:
-            physics.let_go()
-        elif not in_hand and not held:
-            physics.take_back()
-        held = not in_hand
         q.append(physics.q)
         X_WO.append(physics.X_WO)
         touches.append(physics.touch())
         dropped = bool(t > free) and float(np.linalg.norm(X_WO[-1][:3, 3] - p_WO[k])) * 1e3 > DROPPED_MM
+        in_hand = bool(t > end) or any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
+        if in_hand and held:
+            physics.let_go()
+        elif not in_hand and not held:
+            dropped |= not touches[-1].f_W.any()  # a fixture does not catch what falls
+            physics.take_back()
+        held = not in_hand
         if dropped:
             break
         if progress and k % 100 == 0:

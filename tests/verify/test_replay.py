@@ -185,6 +185,8 @@ def test_the_fixture_takes_the_object_back_between_grasps(plan):
     assert not run.dropped
     assert run.free_s == pytest.approx(RAMP)
     assert run.success
+    slippery, _ = replay(both, Perturbation(friction=0.05), contact="point")
+    assert slippery.dropped, "the fixture catches nothing that falls"
     between = (record.t > END + 0.01) & (record.t < again)
     np.testing.assert_allclose(record.X_WO[between] - record.X_WO[between][0], 0, atol=1e-9)
 
