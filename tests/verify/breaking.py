@@ -1,0 +1,49 @@
+"""Ways to break a plan in one respect, and the check that just that is found."""
+
+import msgspec
+import numpy as np
+
+from drake_hand.model.hand import Hand
+from drake_hand.verify.certificate import certify
+
+replace = msgspec.structs.replace
+HAND = Hand.load("kanguera")
+LITTLE = list(HAND.joints).index("little_pip")
+
+
+def with_task(plan, **changes):
+    return replace(plan, task=replace(plan.task, **changes))
+
+
+def with_options(plan, **changes):
+    return with_task(plan, options=replace(plan.task.options, **changes))
+
+
+def with_physics(plan, **changes):
+    return with_task(plan, physics=replace(plan.task.physics, **changes))
+
+
+def with_step(plan, index, step):
+    return with_task(plan, motion=[step if i == index else s for i, s in enumerate(plan.task.motion)])
+
+
+def edited(plan, index, **rows):
+    """The plan with arrays of one part changed by functions of the array."""
+    part = plan.parts[index]
+    changes = {name: change(np.array(getattr(part, name))).tolist() for name, change in rows.items()}
+    return replace(plan, parts=[replace(p, **changes) if i == index else p for i, p in enumerate(plan.parts)])
+
+
+def with_contacts(plan, index, change):
+    part = plan.parts[index]
+    contacts = {name: change(contact) for name, contact in part.contacts.items()}
+    return replace(plan, parts=[replace(p, contacts=contacts) if i == index else p for i, p in enumerate(plan.parts)])
+
+
+def broken(plan, scene, *fields):
+    """The worst values, after seeing that just these fields are broken and that the certificate says so."""
+    c = certify(plan, scene=scene)
+    assert {name for name, w in c.worst.items() if not w.ok} == set(fields), c.failures
+    assert c.certified == (not fields)
+    assert {f.split()[0] for f in c.failures} == set(fields)
+    return c.worst
