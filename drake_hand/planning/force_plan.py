@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation, Slerp
 
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.forces import (
@@ -25,6 +23,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.knots import finer, rests, with_ramps
 from drake_hand.planning.path import Leg
 from drake_hand.planning.slide import directions
 
@@ -34,31 +33,8 @@ SLACK = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATED = 1e-4
 """Torque that may be lost between knots, in weights of the object times m: a half of what the certificate tolerates."""
-PARALLEL = 0.3
-"""Normals span a direction if they have more of it than this share of what they have of the one they have most of."""
 WEIGHTLESS = 0.05
 """Gravity over that on earth below which an object floats."""
-RAMP_KNOTS = 7
-"""Knots of a dwell over which a force is ramped."""
-
-
-def with_ramps(legs: list[Leg]) -> list[Leg]:
-    """Dwells get enough knots for a ramp."""
-
-    def refine(leg: Leg) -> Leg:
-        n = RAMP_KNOTS
-        return replace(
-            leg,
-            q=np.repeat(leg.q[:1], n, axis=0),
-            X_WO=np.repeat(leg.X_WO[:1], n, axis=0),
-            p_OP={name: np.repeat(p[:1], n, axis=0) for name, p in leg.p_OP.items()},
-        )
-
-    return [refine(leg) if _rests(leg) else leg for leg in legs]
-
-
-def _rests(leg: Leg) -> bool:
-    return bool((leg.q == leg.q[0]).all())
 
 
 def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium) -> list[Leg]:
@@ -140,9 +116,9 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     except Unbalanced as e:
         raise _blamed(e, balanced, legs, starts, X) from e
     lost = INTERPOLATED * holding.weight
-    finer = _finer(legs, starts, p, normal * touching[..., None], forces.f_W, lost)
-    if finer is not None:
-        return add_forces(finer, scene, gravity_W, holding)
+    more = finer(legs, starts, p, normal * touching[..., None], forces.f_W, lost)
+    if more is not None:
+        return add_forces(more, scene, gravity_W, holding)
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
@@ -181,53 +157,6 @@ def _blamed(
     return error
 
 
-def _finer(
-    legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, n_W: np.ndarray, f_W: np.ndarray, torque: float
-) -> list[Leg] | None:
-    """Legs with knots close enough for forces that are linear between them, or None where all have them.
-
-    Halfway between knots at which they balance, forces that change are off by a quarter of their change times that of
-    the contact points, and the points themselves by an eighth of their second difference. What of that torque lies in
-    the span of the normals the contacts' torsion makes up for.
-
-    Args:
-        legs: end to end.
-        starts: (legs + 1,) the knots they start at.
-        p_WP: (n, k, 3) contact points.
-        n_W: (n, k, 3) normals, zero where there is no contact.
-        f_W: (n, k, 3) forces.
-        torque: that may be lost between knots, Nm.
-    """
-    out, changed = [], False
-    for leg, a in zip(legs, starts, strict=False):
-        rows, times = slice(a, a + len(leg.q)), 1
-        p, n, f = p_WP[rows], n_W[rows][1:], f_W[rows]
-        if not _rests(leg) and len(p) > 2:
-            bend = np.diff(p, 2, axis=0)
-            bend = (np.concatenate([bend[:1], bend]) + np.concatenate([bend, bend[-1:]])) / 2
-            lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
-            off = lost.sum(axis=1)[..., None]
-            off -= np.linalg.pinv(n, rcond=PARALLEL) @ n @ off
-            times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(off[..., 0], axis=1).max() / torque))))
-        changed |= times > 1
-        out.append(_resampled(leg, times) if times > 1 else leg)
-    return out if changed else None
-
-
-def _resampled(leg: Leg, times: int) -> Leg:
-    """The leg with so many times the knots, on splines through those it has."""
-    s = np.arange(len(leg.q), dtype=float)
-    fine = np.linspace(0.0, s[-1], times * (len(s) - 1) + 1)
-
-    def spline(rows: np.ndarray) -> np.ndarray:
-        return make_interp_spline(s, rows, k=min(3, len(s) - 1))(fine)
-
-    X = np.tile(np.eye(4), (len(fine), 1, 1))
-    X[:, :3, :3] = Slerp(s, Rotation.from_matrix(leg.X_WO[:, :3, :3]))(fine).as_matrix()
-    X[:, :3, 3] = spline(leg.X_WO[:, :3, 3])
-    return replace(leg, q=spline(leg.q), X_WO=X, p_OP={name: spline(p) for name, p in leg.p_OP.items()})
-
-
 def _room(hand: Hand, q: np.ndarray, effort: np.ndarray) -> np.ndarray:
     """(2, n, k, m) largest and most negative joint torques: the efforts, and what servos can be commanded off target.
 
@@ -262,7 +191,7 @@ def _slides(
         for i, finger in enumerate(hand.fingers):
             if leg.mode[i] != "2":
                 continue
-            if not _rests(leg):
+            if not rests(leg):
                 share[rows, i] = 1.0
                 m = len(finger.columns)
                 slip_W[rows, i] = directions(q[rows][:, finger.columns], J_WP[rows, i, :, :m], normal[rows, i])

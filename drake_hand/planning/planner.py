@@ -66,7 +66,7 @@ def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None)
 
 def _find_start(run: Run) -> Path:
     """Plans from the start poses and palm directions that are rated best, one after the other."""
-    rng, started = np.random.default_rng(run.task.options.seed), time.monotonic()
+    rng = np.random.default_rng(run.task.options.seed)
     rated: list[tuple[float, Task]] = []
     with run.stage("start"):
         tasks = list(start.variants(run.task, run.clearance, rng))
@@ -75,7 +75,7 @@ def _find_start(run: Run) -> Path:
             rated.append((run.rate(), task))
             fraction = (k + 1) / len(tasks)
             run.progress(Progress(stage="start", fraction=fraction, elapsed_s=time.monotonic() - run.started))
-            if time.monotonic() > started + RATING * (run.deadline - started):
+            if time.monotonic() > run.started + RATING * run.task.options.time_limit_s:
                 break
     failures: list[NoPlanFound] = []
     for value, task in sorted(rated, key=lambda r: -r[0])[:TRIED]:

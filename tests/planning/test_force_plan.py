@@ -1,38 +1,14 @@
-"""How fine forces are planned, and what free fingers are told."""
+"""What free fingers are told."""
 
 import numpy as np
-import pytest
-from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning.force_plan import _finer, _resampled, add_forces
+from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.path import Leg
-
-KNOTS, TORQUE = 9, 1e-5
-
-
-def leg(turn_deg: float = 40.0) -> Leg:
-    s = np.linspace(0.0, 1.0, KNOTS)
-    X = np.tile(np.eye(4), (KNOTS, 1, 1))
-    X[:, :3, :3] = Rotation.from_rotvec(np.outer(s, [0.0, 0.0, np.radians(turn_deg)])).as_matrix()
-    X[:, 0, 3] = 0.01 * s**2
-    return Leg(mode="1", q=np.stack([s, s**2], axis=1), X_WO=X, p_OP={"index": np.outer(s, [0.0, 0.01, 0.0])})
-
-
-def contacts(turn_deg: float, press: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One contact 20 mm from the axis that turns by so much, its normal along the axis: torsion does not help."""
-    a = np.linspace(0.0, np.radians(turn_deg), KNOTS)
-    p = 0.02 * np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)[:, None]
-    n = np.tile([[0.0, 0.0, 1.0]], (KNOTS, 1, 1))
-    return p, n, press * n
-
-
-def finer(turn_deg: float, press: float) -> list[Leg] | None:
-    return _finer([leg()], np.array([0, KNOTS - 1]), *contacts(turn_deg, press), TORQUE)
 
 
 def test_free_fingers_are_not_commanded_beyond_their_limits():
@@ -47,31 +23,3 @@ def test_free_fingers_are_not_commanded_beyond_their_limits():
     assert 0 < within.sum() < within.size
     np.testing.assert_allclose(command[within], wanted[within])
     np.testing.assert_allclose(command[~within], leg.q[~within], atol=1e-12)
-
-
-def test_knots_are_added_where_torque_would_be_lost_between_them():
-    assert finer(4.0, 1.0) is None
-    (more,) = finer(80.0, 1.0)
-    (most,) = finer(80.0, 16.0)
-    assert KNOTS < len(more.q) < len(most.q)
-    assert len(most.q) - 1 == pytest.approx(4 * (len(more.q) - 1), rel=0.3), "what is lost goes with the square"
-
-
-def test_torsion_makes_up_for_what_lies_along_the_normals():
-    p, _, f = contacts(80.0, 1.0)
-    sideways = np.tile([[1.0, 0.0, 0.0]], (KNOTS, 1, 1)), np.tile([[0.0, 1.0, 0.0]], (KNOTS, 1, 1))
-    both = np.concatenate([*sideways], axis=1)
-    p, f = np.repeat(p, 2, axis=1), np.concatenate([f, 0 * f], axis=1)
-    assert _finer([leg()], np.array([0, KNOTS - 1]), p, both, f, TORQUE) is None
-
-
-def test_a_resampled_leg_is_the_same_motion():
-    coarse, fine = leg(), _resampled(leg(), 3)
-    assert len(fine.q) == 3 * (KNOTS - 1) + 1
-    np.testing.assert_allclose(fine.q[::3], coarse.q, atol=1e-12)
-    np.testing.assert_allclose(fine.X_WO[::3], coarse.X_WO, atol=1e-12)
-    np.testing.assert_allclose(fine.p_OP["index"][::3], coarse.p_OP["index"], atol=1e-12)
-    s = np.linspace(0.0, 1.0, len(fine.q))
-    np.testing.assert_allclose(fine.q[:, 1], s**2, atol=1e-9)
-    turned = Rotation.from_matrix(fine.X_WO[:, :3, :3]).as_rotvec(degrees=True)[:, 2]
-    np.testing.assert_allclose(turned, 40.0 * s, atol=1e-9)
