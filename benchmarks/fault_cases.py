@@ -15,8 +15,8 @@ import numpy as np
 from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S
-from drake_hand.epos.sim import SimulatedDrives
-from drake_hand.epos.sim_faults import Fault
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import Fault
 
 ARM_SYNC = 25
 """The fault's random moment is counted from this SYNC and the lead-in, when the plan has begun."""

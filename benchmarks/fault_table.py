@@ -33,9 +33,9 @@ from drake_hand.epos import executor, pdo
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.objects import IDENTITY, DriveType
 from drake_hand.epos.pdo import LAYOUT
-from drake_hand.epos.sim import SimulatedDrives
-from drake_hand.epos.sim_faults import kind_of
-from drake_hand.epos.sim_timeline import Event, Header, Row, read_timeline
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import kind_of
+from drake_hand.epos.sim.timeline import Event, Header, Row, read_timeline
 from drake_hand.epos.state import Control, State
 from drake_hand.epos.stops import FOLLOWING_SHARE
 

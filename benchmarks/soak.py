@@ -23,7 +23,7 @@ from swing import swing
 from drake_hand.epos.drives import SUFFIX, Drives
 from drake_hand.epos.executor import Progress, Run, execute
 from drake_hand.epos.record import NO_QUEUE
-from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim.process import spawn_simulated_drives
 
 SWING_S = 2.0
 SAMPLE_S = 5.0

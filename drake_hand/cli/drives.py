@@ -18,7 +18,7 @@ from drake_hand.epos.master import Master, for_all, open_bus
 from drake_hand.epos.objects import register_words
 from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.errors import InputError
 from drake_hand.motion.plan import Plan
 

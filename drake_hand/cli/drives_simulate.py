@@ -14,9 +14,9 @@ from cyclopts.validators import Number
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
-from drake_hand.epos.sim import SimulatedDrives
-from drake_hand.epos.sim_faults import FaultsFile
-from drake_hand.epos.sim_process import serve, standard_input
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import FaultsFile
+from drake_hand.epos.sim.process import serve, standard_input
 from drake_hand.motion.plan import Plan
 
 

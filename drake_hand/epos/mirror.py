@@ -21,7 +21,7 @@ from drake_hand.epos import pdo
 from drake_hand.epos.bus import when
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.sim_pvt import Record, cubic
+from drake_hand.epos.sim.pvt import Record, cubic
 from drake_hand.epos.state import BIT12, State, decode_state
 from drake_hand.errors import InputError
 

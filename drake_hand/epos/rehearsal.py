@@ -20,7 +20,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, NMT_PRE_OPERATIONAL
 from drake_hand.epos.player import Player
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.state import Control
 
 _WORDS = {getattr(Control, name): name.lower().replace("_", " ") for name in vars(Control) if name.isupper()}

@@ -14,8 +14,8 @@ from swing import swing
 from drake_hand.cli import run
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.sim_faults import Fault, FaultsFile
-from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim.faults import Fault, FaultsFile
+from drake_hand.epos.sim.process import spawn_simulated_drives
 
 KANGUERA = Drives.load()
 

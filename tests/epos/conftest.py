@@ -7,7 +7,7 @@ import can
 import pytest
 
 from drake_hand.epos.master import Master
-from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim.drives import SimulatedDrives
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))  # swing, fault_table: used by both
 

@@ -6,7 +6,7 @@ import numpy as np
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim import SimulatedDrives
+from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.state import decode_state
 
 MASTER = pdo.MASTER_NODE

@@ -14,7 +14,7 @@ from drake_hand.epos.configure import configure, release, writes
 from drake_hand.epos.master import NMT_OPERATIONAL, Master
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, PDO_DISABLED, SYNC_COB
-from drake_hand.epos.sim_process import _free_port
+from drake_hand.epos.sim.process import _free_port
 from drake_hand.epos.state import Control
 
 DRIVES = drives_of("mix")

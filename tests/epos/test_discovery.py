@@ -6,7 +6,7 @@ from fault_table import drives_of
 from drake_hand.epos import discovery
 from drake_hand.epos import objects as od
 from drake_hand.epos.objects import Identity
-from drake_hand.epos.sim_faults import Fault
+from drake_hand.epos.sim.faults import Fault
 from drake_hand.epos.state import Control, State
 
 DRIVES = drives_of("mix")

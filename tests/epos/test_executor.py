@@ -19,10 +19,10 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute, reset_faults
 from drake_hand.epos.preflight import Refused, plan_problems
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.sim_faults import Fault
-from drake_hand.epos.sim_motor import LAG_S
-from drake_hand.epos.sim_process import spawn_simulated_drives
-from drake_hand.epos.sim_timeline import read_timeline
+from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.motor import LAG_S
+from drake_hand.epos.sim.process import spawn_simulated_drives
+from drake_hand.epos.sim.timeline import read_timeline
 from drake_hand.epos.state import State, decode_state
 from drake_hand.errors import DriveError
 

@@ -7,7 +7,7 @@ from fault_table import drives_of
 from drake_hand.epos import objects as od
 from drake_hand.epos.master import Emcy, Master, SdoError, for_all
 from drake_hand.epos.objects import Obj
-from drake_hand.epos.sim_faults import Fault
+from drake_hand.epos.sim.faults import Fault
 from drake_hand.epos.state import Control
 from drake_hand.errors import DriveError
 

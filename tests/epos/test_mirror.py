@@ -16,8 +16,8 @@ from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
 from drake_hand.epos.mirror import Mirror, Pose, listen, replay
 from drake_hand.epos.record import RunHeader, RunRecord
-from drake_hand.epos.sim_faults import Fault
-from drake_hand.epos.sim_motor import LAG_S
+from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.motor import LAG_S
 from drake_hand.epos.state import State
 from drake_hand.errors import InputError
 

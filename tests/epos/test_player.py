@@ -11,7 +11,7 @@ from drake_hand.epos import pdo, player, pvt
 from drake_hand.epos.pvt import LOW_S, QUEUE_S
 from drake_hand.epos.rehearsal import Rehearsal
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim_faults import Fault, kind_of
+from drake_hand.epos.sim.faults import Fault, kind_of
 from drake_hand.epos.state import Control, State
 
 TYPES = ["epos2", "epos4", "epos1", "mix"]

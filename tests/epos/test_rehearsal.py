@@ -8,7 +8,7 @@ from drake_hand.epos import pdo
 from drake_hand.epos.executor import execute
 from drake_hand.epos.rehearsal import Frame, bus_load, lines, rehearse
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim_faults import kind_of
+from drake_hand.epos.sim.faults import kind_of
 
 DRIVES = drives_of("mix", sync_ms=20)
 PLAN = swing(DRIVES.joints, 0.5)

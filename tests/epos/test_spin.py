@@ -7,8 +7,8 @@ from fault_table import drives_of
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim_motor import LAG_S
-from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim.motor import LAG_S
+from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.motion.plan import Plan
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim_drive import SimulatedDrive
+from drake_hand.epos.sim.drive import SimulatedDrive
 from drake_hand.errors import InputError
 
 _FLUSH_ROWS = 50

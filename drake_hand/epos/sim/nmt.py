@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drake_hand.epos import objects as o
 from drake_hand.epos.pdo import HEARTBEAT_BASE
-from drake_hand.epos.sim_dictionary import Dictionary
+from drake_hand.epos.sim.dictionary import Dictionary
 
 BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82

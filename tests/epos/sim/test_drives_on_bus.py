@@ -15,10 +15,10 @@ from canopen.profiles.p402 import BaseNode402
 
 from drake_hand.epos import objects as o
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim import SimulatedDrives
-from drake_hand.epos.sim_faults import Fault, FaultsFile
-from drake_hand.epos.sim_process import spawn_simulated_drives
-from drake_hand.epos.sim_timeline import read_timeline
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import Fault, FaultsFile
+from drake_hand.epos.sim.process import spawn_simulated_drives
+from drake_hand.epos.sim.timeline import read_timeline
 from drake_hand.epos.state import State
 from drake_hand.errors import DriveError, InputError
 
@@ -182,7 +182,7 @@ def test_child_serves_a_bus_of_its_own_and_ends_with_its_parent(tmp_path):
 PARENT = """
 import sys, time
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim_process import spawn_simulated_drives
+from drake_hand.epos.sim.process import spawn_simulated_drives
 with spawn_simulated_drives(Drives.load()) as spawned:
     print(spawned.process.pid, flush=True)
     time.sleep(60)

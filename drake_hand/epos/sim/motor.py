@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from drake_hand.epos.sim_motion import Demand
+from drake_hand.epos.sim.motion import Demand
 
 NATURAL_RAD_S = 2 * math.pi * 25
 DAMPING_RATIO = 0.7

@@ -7,15 +7,16 @@ from collections.abc import Callable
 from canopen.sdo import SdoAbortedError
 
 from drake_hand.epos import objects as o
-from drake_hand.epos import pdo, sim_nmt
+from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drive
-from drake_hand.epos.sim_axis import Axis
-from drake_hand.epos.sim_dictionary import NOT_STORED, Dictionary
-from drake_hand.epos.sim_faults import Fault
-from drake_hand.epos.sim_nmt import Nmt
-from drake_hand.epos.sim_pdo import PdoEngine
-from drake_hand.epos.sim_sdo import SdoServer
-from drake_hand.epos.sim_state import StateMachine
+from drake_hand.epos.sim import nmt as nmt_module
+from drake_hand.epos.sim.axis import Axis
+from drake_hand.epos.sim.dictionary import NOT_STORED, Dictionary
+from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.nmt import Nmt
+from drake_hand.epos.sim.pdo import PdoEngine
+from drake_hand.epos.sim.sdo import SdoServer
+from drake_hand.epos.sim.state import StateMachine
 from drake_hand.epos.state import State
 
 BUS_OFF = 0x81FD
@@ -57,7 +58,7 @@ class SimulatedDrive:
         self.dictionary.hook(o.RESTORE_ALL, write=self._restore)
 
     def _send(self, cob: int, data: bytes) -> None:
-        silent = cob & 0x780 == pdo.HEARTBEAT_BASE and not self.heartbeat and data[0] != sim_nmt.BOOT_UP
+        silent = cob & 0x780 == pdo.HEARTBEAT_BASE and not self.heartbeat and data[0] != nmt_module.BOOT_UP
         if self.on_bus and not silent:
             self._send_frame(cob, data)
 
@@ -92,14 +93,14 @@ class SimulatedDrive:
     def receive(self, cob: int, data: bytes, t: float) -> None:
         """Takes a frame that is for this drive."""
         if cob == pdo.SYNC_COB:
-            if self.nmt.state == sim_nmt.OPERATIONAL:
+            if self.nmt.state == nmt_module.OPERATIONAL:
                 self.pdos.sample()
                 self.pdos.actuate()
         elif cob == pdo.NMT_COB:
             if len(data) >= 2 and data[1] in (0, self.drive.node):
                 self._command_network(data[0], t)
         elif cob == pdo.SDO_RX_BASE + self.drive.node:
-            if len(data) == 8 and self.nmt.state in (sim_nmt.OPERATIONAL, sim_nmt.PRE_OPERATIONAL):
+            if len(data) == 8 and self.nmt.state in (nmt_module.OPERATIONAL, nmt_module.PRE_OPERATIONAL):
                 answer = self._sdo.answer(data)
                 if self.pdos.changed:
                     self._configure()
@@ -107,20 +108,20 @@ class SimulatedDrive:
                     self._send(pdo.SDO_TX_BASE + self.drive.node, answer)
         elif cob & 0x780 == pdo.HEARTBEAT_BASE:
             self.nmt.heard(cob & 0x7F, t)
-        elif self.nmt.state == sim_nmt.OPERATIONAL:
+        elif self.nmt.state == nmt_module.OPERATIONAL:
             self.pdos.receive(cob, data, t)
 
     def _command_network(self, command: int, t: float) -> None:
-        if command == sim_nmt.START:
-            self.nmt.state = sim_nmt.OPERATIONAL
-        elif command == sim_nmt.STOP:
-            self.nmt.state = sim_nmt.STOPPED
+        if command == nmt_module.START:
+            self.nmt.state = nmt_module.OPERATIONAL
+        elif command == nmt_module.STOP:
+            self.nmt.state = nmt_module.STOPPED
             self.machine.abort()
-        elif command == sim_nmt.ENTER_PRE_OPERATIONAL:
-            self.nmt.state = sim_nmt.PRE_OPERATIONAL
-        elif command == sim_nmt.RESET_NODE:
+        elif command == nmt_module.ENTER_PRE_OPERATIONAL:
+            self.nmt.state = nmt_module.PRE_OPERATIONAL
+        elif command == nmt_module.RESET_NODE:
             self.boot(t)
-        elif command == sim_nmt.RESET_COMMUNICATION:
+        elif command == nmt_module.RESET_COMMUNICATION:
             self.dictionary.reset(communication_only=True)
             self.machine.abort()
             self._configure()
@@ -134,7 +135,7 @@ class SimulatedDrive:
     def housekeep(self, t: float) -> None:
         """Heartbeats and event-driven PDOs that are due at time t."""
         self.nmt.housekeep(t)
-        if self.nmt.state == sim_nmt.OPERATIONAL:
+        if self.nmt.state == nmt_module.OPERATIONAL:
             self.pdos.housekeep(t)
 
     def suffer(self, fault: Fault, t: float) -> None:

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_hand.epos.objects import IP_DEPTH
-from drake_hand.epos.sim_motion import Demand
-from drake_hand.epos.sim_pvt import (
+from drake_hand.epos.sim.motion import Demand
+from drake_hand.epos.sim.pvt import (
     ACCELERATION,
     ACCELERATION_WARNING,
     ACTIVE,

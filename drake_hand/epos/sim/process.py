@@ -1,6 +1,6 @@
 """Simulated drives in a process of their own: for ``drives simulate``, and as a child that dies with its parent.
 
-Commands are lines of JSON on standard input, one `Fault` each (see `sim_faults`); a line that is wrong is answered on
+Commands are lines of JSON on standard input, one `Fault` each (see `faults`); a line that is wrong is answered on
 standard error. The child's first line of input is its `Setup`, its one line of output says that it is ready.
 """
 
@@ -24,8 +24,8 @@ import numpy as np
 
 from drake_hand.epos.bus import UDP_GROUP, BusSpec
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim import SimulatedDrives
-from drake_hand.epos.sim_faults import Fault, FaultsFile
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import Fault, FaultsFile
 from drake_hand.errors import DrakeHandError, DriveError
 from drake_hand.files import convert
 
@@ -97,7 +97,7 @@ def spawn_simulated_drives(
     )
     # a session of its own: Ctrl-C reaches the master alone, which still has to stop these drives
     process = subprocess.Popen(
-        [sys.executable, "-m", "drake_hand.epos.sim_process"],
+        [sys.executable, "-m", "drake_hand.epos.sim.process"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from drake_hand.epos.objects import IP_DEPTH, IP_ERRORS
-from drake_hand.epos.sim_motion import Demand
+from drake_hand.epos.sim.motion import Demand
 
 UNDERFLOW_WARNING, OVERFLOW_WARNING, VELOCITY_WARNING, ACCELERATION_WARNING = 1 << 0, 1 << 1, 1 << 2, 1 << 3
 UNDERFLOW, OVERFLOW, VELOCITY, ACCELERATION = 1 << 8, 1 << 9, 1 << 10, 1 << 11

@@ -9,7 +9,7 @@ from canopen.sdo import SdoAbortedError
 
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import ON_EVENT, ON_SYNC, PDO_DISABLED
-from drake_hand.epos.sim_dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, Entry
+from drake_hand.epos.sim.dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, Entry
 
 NOT_MAPPABLE, TOO_LONG = 0x06040041, 0x06040042
 LENGTH_ERROR, RPDO_TIMEOUT = 0x8210, 0x8250

@@ -19,13 +19,14 @@ import can
 import msgspec
 import numpy as np
 
-from drake_hand.epos import pdo, realtime, sim_faults
+from drake_hand.epos import pdo, realtime
 from drake_hand.epos.bus import when
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.sim_axis import STEP_S
-from drake_hand.epos.sim_drive import SimulatedDrive
-from drake_hand.epos.sim_faults import Fault, FaultsFile, FrameFaults, Schedule
-from drake_hand.epos.sim_timeline import Timeline
+from drake_hand.epos.sim import faults as fault_table
+from drake_hand.epos.sim.axis import STEP_S
+from drake_hand.epos.sim.drive import SimulatedDrive
+from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, Schedule
+from drake_hand.epos.sim.timeline import Timeline
 from drake_hand.epos.state import State
 from drake_hand.errors import InputError
 from drake_hand.files import load, write_atomic
@@ -76,10 +77,10 @@ class SimulatedDrives:
             raise InputError("not a position of these joints", key="q", found=np.shape(q), expected=f"({n},)")
         counts = np.zeros(n) if q is None else drives.counts_from_joints(q)
         for i, fault in enumerate(faults.faults if faults else []):
-            sim_faults.check(fault, drives, key=f"faults[{i}]")
+            fault_table.check(fault, drives, key=f"faults[{i}]")
         self.drives = drives
         self._bus, self._settings, self._rng = bus, settings, rng
-        self._schedule = Schedule([sim_faults.resolve(f, drives, rng) for f in faults.faults] if faults else [])
+        self._schedule = Schedule([fault_table.resolve(f, drives, rng) for f in faults.faults] if faults else [])
         self._timeline = Timeline(log, drives)
         self._simulated = [
             SimulatedDrive(
@@ -152,7 +153,7 @@ class SimulatedDrives:
         Raises:
             InputError: no such joint.
         """
-        sim_faults.check(fault, self.drives)
+        fault_table.check(fault, self.drives)
         self._commands.put(fault)
 
     @property
@@ -195,7 +196,7 @@ class SimulatedDrives:
             if t - self._last_row >= self._row_s:
                 self._record(synced=False)
         while not self._commands.empty():
-            self._begin(sim_faults.resolve(self._commands.get(), self.drives, self._rng))
+            self._begin(fault_table.resolve(self._commands.get(), self.drives, self._rng))
 
     def _pass_time(self, t: float) -> None:
         """Advances all drives to t, with heartbeats and changed PDOs, and begins the faults that are due."""

@@ -13,8 +13,8 @@ from drake_hand.epos import objects as o
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import EMCY_BASE
-from drake_hand.epos.sim_axis import Axis
-from drake_hand.epos.sim_dictionary import Dictionary
+from drake_hand.epos.sim.axis import Axis
+from drake_hand.epos.sim.dictionary import Dictionary
 from drake_hand.epos.state import REMOTE, Control, State, status_bits
 
 _READY, _ON, _ENABLED = State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED

@@ -10,10 +10,10 @@ from drake_hand.epos import objects as o
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import unpack_record
-from drake_hand.epos.sim_dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, fits
-from drake_hand.epos.sim_motion import Cyclic, Demand, Generator, Hold, Profile, Ramp
-from drake_hand.epos.sim_motor import Motor
-from drake_hand.epos.sim_pvt import Limits, PvtQueue, Record
+from drake_hand.epos.sim.dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, fits
+from drake_hand.epos.sim.motion import Cyclic, Demand, Generator, Hold, Profile, Ramp
+from drake_hand.epos.sim.motor import Motor
+from drake_hand.epos.sim.pvt import Limits, PvtQueue, Record
 from drake_hand.epos.state import BIT12, TARGET_REACHED, Control
 
 STEP_S = 1e-3

@@ -6,7 +6,7 @@ import struct
 
 from canopen.sdo import SdoAbortedError
 
-from drake_hand.epos.sim_dictionary import Dictionary
+from drake_hand.epos.sim.dictionary import Dictionary
 
 _HEADER = struct.Struct("<BHB")
 _TOGGLE_ERROR, _BAD_COMMAND = 0x05030000, 0x05040001

@@ -4,8 +4,8 @@ from sim_bench import MASTER, Bench
 
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
-from drake_hand.epos.sim_faults import Fault, FaultsFile, FrameFaults, kind_of, resolve
-from drake_hand.epos.sim_timeline import read_timeline, rows_as_arrays
+from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, kind_of, resolve
+from drake_hand.epos.sim.timeline import read_timeline, rows_as_arrays
 from drake_hand.epos.state import State
 from drake_hand.errors import InputError
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_hand.epos.sim_motion import Cyclic, Demand, Profile, Ramp
-from drake_hand.epos.sim_motor import COAST_S, LAG_S, MAX_ACCELERATION_RAD_S2, Motor
+from drake_hand.epos.sim.motion import Cyclic, Demand, Profile, Ramp
+from drake_hand.epos.sim.motor import COAST_S, LAG_S, MAX_ACCELERATION_RAD_S2, Motor
 
 H = 1e-3
 
