@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from drake_hand import api
-from drake_hand.planning.task import Task
-from drake_hand.verify.physics import Perturbation
-from drake_hand.verify.replay import replay
+from drake_hand.physics.replay import replay
+from drake_hand.physics.simulation import Perturbation
+from drake_hand.plans.task import Task
 
 SHARES = (1.0, 0.75, 0.625, 0.5625, 0.5)
 """Of the friction the task states; plans rely on 0.55 of it."""

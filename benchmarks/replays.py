@@ -22,9 +22,9 @@ import msgspec
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
-from drake_hand.motion.plan import Plan
-from drake_hand.planning.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
-from drake_hand.verify.replay import Replay, simulate
+from drake_hand.physics.replay import Replay, simulate
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
 
 PALMS: dict[str, Vector] = {
     "up": (-9.81, 0.0, 0.0),

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from drake_hand.motion.plan import Certificate, Part, Plan
-from drake_hand.planning.task import Pose, Release, Step, Task
+from drake_hand.plans.plan import Certificate, Part, Plan
+from drake_hand.plans.task import Pose, Release, Step, Task
 
 KNOT_S = 0.05
 

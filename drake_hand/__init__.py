@@ -8,22 +8,22 @@ if TYPE_CHECKING:
     from drake_hand.contact.grasp_measures import grasp_measures
     from drake_hand.model.hand import Hand
     from drake_hand.model.object import Object
-    from drake_hand.motion.plan import Plan
-    from drake_hand.planning.task import Task
-    from drake_hand.verify.replay import simulate
+    from drake_hand.physics.replay import simulate
+    from drake_hand.plans.plan import Plan
+    from drake_hand.plans.task import Task
 
 __version__ = "0.1.0"
 
 _HOME = {
     "Hand": "drake_hand.model.hand",
     "Object": "drake_hand.model.object",
-    "Plan": "drake_hand.motion.plan",
-    "Task": "drake_hand.planning.task",
+    "Plan": "drake_hand.plans.plan",
+    "Task": "drake_hand.plans.task",
     "check": "drake_hand.api",
     "grasp_measures": "drake_hand.contact.grasp_measures",
     "plan": "drake_hand.api",
     "show": "drake_hand.api",
-    "simulate": "drake_hand.verify.replay",
+    "simulate": "drake_hand.physics.replay",
 }
 
 __all__ = ["Hand", "Object", "Plan", "Task", "check", "grasp_measures", "plan", "show", "simulate"]

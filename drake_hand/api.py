@@ -12,8 +12,8 @@ import msgspec
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.files import convert
-from drake_hand.motion.plan import Certificate, Plan
-from drake_hand.planning.task import Options, Task
+from drake_hand.plans.plan import Certificate, Plan
+from drake_hand.plans.task import Options, Task
 
 if TYPE_CHECKING:
     from drake_hand.planning.holding import Tally

@@ -7,8 +7,8 @@ import pytest
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.motion.plan import Contact, Part, Plan
-from drake_hand.planning.task import Task
+from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.task import Task
 
 FINGERS = ("middle", "index", "thumb")
 RADIUS = 0.008

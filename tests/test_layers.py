@@ -12,8 +12,23 @@ import pytest
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
-ROWS = ["errors", "files", "model", "contact", "modes", "planning", "motion", "verify", "epos", "view", "api", "cli"]
-EPOS_MAY_USE = {"errors", "files", "planning.task", "motion.plan", "motion.trajectory", "epos"}
+ROWS = [
+    "errors",
+    "files",
+    "model",
+    "plans",
+    "contact",
+    "modes",
+    "planning",
+    "motion",
+    "verify",
+    "physics",
+    "epos",
+    "view",
+    "api",
+    "cli",
+]
+EPOS_MAY_USE = {"errors", "files", "plans", "epos"}
 HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}
 
 FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")

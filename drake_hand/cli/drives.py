@@ -20,7 +20,7 @@ from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.errors import InputError
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 
 app = App(name="drives", help="Scan, inspect and simulate drives.")
 app.command(serve_simulated, name="simulate")

@@ -17,7 +17,7 @@ from drake_hand.epos.master import open_bus
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import FaultsFile
 from drake_hand.epos.sim.process import serve, standard_input
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 
 
 def simulate(

@@ -15,8 +15,8 @@ from cyclopts.validators import Number
 from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
 from drake_hand.errors import InputError
 from drake_hand.files import resolve, write_atomic
-from drake_hand.motion.plan import Certificate, Plan, Worst
-from drake_hand.planning.task import SUFFIX
+from drake_hand.plans.plan import Certificate, Plan, Worst
+from drake_hand.plans.task import SUFFIX
 
 
 def plan(
@@ -140,7 +140,7 @@ def simulate(
         seed: of the perturbations.
         json: print one JSON object on stdout.
     """
-    from drake_hand.verify.replay import simulate as replay
+    from drake_hand.physics.replay import simulate as replay
     from drake_hand.view.replay import render_replay
 
     subject = Plan.load(file)

@@ -27,7 +27,7 @@ from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import Schedule
 from drake_hand.errors import DriveError
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 
 PROGRESS_S = 0.2
 HANGS_S = 1.0

@@ -11,7 +11,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import Master
 from drake_hand.epos.schedule import Schedule
 from drake_hand.errors import DriveError, InputError
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 
 
 class Refused(DriveError):

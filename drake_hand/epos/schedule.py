@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_hand.epos.drives import Drives
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 
 LEAD_IN_S = 0.3
 """Time to go from where the hand is to where the plan starts."""

@@ -1,1 +1,1 @@
-"""Timing and the plan file."""
+"""Timing: from a path to a plan."""

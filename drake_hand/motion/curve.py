@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from drake_hand.motion.trajectory import poses, quaternions
-from drake_hand.planning.path import Leg, Path
+from drake_hand.plans.path import Leg, Path
+from drake_hand.plans.trajectory import poses, quaternions
 
 INERTIA_SHARE = 0.005
 """Largest force along one axis that moving the object may take in plans with contact forces, in weights (torque: in

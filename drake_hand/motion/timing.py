@@ -12,9 +12,9 @@ from scipy.interpolate import PPoly
 from drake_hand import __version__
 from drake_hand.motion import law as laws
 from drake_hand.motion.curve import Curve, Limits, linear
-from drake_hand.motion.plan import Contact, Part, Plan
-from drake_hand.motion.trajectory import hermite
-from drake_hand.planning.path import Leg, Path
+from drake_hand.plans.path import Leg, Path
+from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.trajectory import hermite
 
 PART_S = 1.0
 """Least duration of a part that moves, parabolic timing (the paper gives every part one second), s."""

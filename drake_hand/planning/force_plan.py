@@ -24,8 +24,8 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.knots import finer, rests, with_ramps
-from drake_hand.planning.path import Leg
 from drake_hand.planning.slide import directions
+from drake_hand.plans.path import Leg
 
 LIGHT = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""

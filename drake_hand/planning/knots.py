@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, Slerp
 
-from drake_hand.planning.path import Leg
+from drake_hand.plans.path import Leg
 
 PARALLEL = 0.3
 """Normals span a direction if they have more of it than this share of what they have of the one they have most of."""

@@ -10,8 +10,8 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Node
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.path import Leg
 from drake_hand.planning.reach import Hold
+from drake_hand.plans.path import Leg
 
 
 class LegBuilder:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.planning.task import MoveTo, Pose, Rotate, Step
+from drake_hand.plans.task import MoveTo, Pose, Rotate, Step
 
 TICK_DEG = 2.5
 """Largest rotation between neighbouring samples ..."""

@@ -15,11 +15,11 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.planning import start
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.path import Path
 from drake_hand.planning.run import Run
 from drake_hand.planning.search import Progress
 from drake_hand.planning.tables import Tables
-from drake_hand.planning.task import Task
+from drake_hand.plans.path import Path
+from drake_hand.plans.task import Task
 
 TRIED = 5
 """Start poses, best first, that are planned from."""

@@ -23,11 +23,11 @@ from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.legs import gait as gait_legs
 from drake_hand.planning.moves import Moves, Node
 from drake_hand.planning.object_path import ObjectPath, build, pose
-from drake_hand.planning.path import Path
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.search import Progress, Search
 from drake_hand.planning.tables import Tables
-from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
+from drake_hand.plans.path import Path
+from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.object_path import as_pose
-from drake_hand.planning.task import Task
+from drake_hand.plans.task import Task
 
 DRAWN = 1500
 """Poses drawn before the first, coarse choice."""

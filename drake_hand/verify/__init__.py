@@ -1,1 +1,1 @@
-"""Certificate and physics replay."""
+"""Certificate: a plan proved from its file."""

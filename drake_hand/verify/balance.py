@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_hand.motion.trajectory import States
+from drake_hand.plans.trajectory import States
 
 UNBALANCED_SHARE = 0.02
 """Part of the object's weight that may stay unbalanced; torque: that force at 10 mm."""

@@ -8,8 +8,8 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Certificate, Plan
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.plan import Certificate, Plan
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.contacts import check_contacts
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import check_goal

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 from drake_hand.verify.findings import TOLERANCES, Findings
 from drake_hand.verify.observe import Observed
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drake_hand.motion.plan import Worst
+from drake_hand.plans.plan import Worst
 
 TOLERANCES = {
     "contact_mm": 0.1,

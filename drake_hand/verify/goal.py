@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.motion.trajectory import States
-from drake_hand.planning.task import MoveTo, Pose, Step, Task
+from drake_hand.plans.task import MoveTo, Pose, Step, Task
+from drake_hand.plans.trajectory import States
 from drake_hand.verify.findings import TOLERANCES, Findings
 
 MOVES = ("rotate", "translate", "move_to", "push")

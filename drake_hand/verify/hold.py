@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Plan
-from drake_hand.planning.task import Pose, Task
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Pose, Task
 from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.model.hand import Hand
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.task import Pose
+from drake_hand.plans.task import Pose
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 
 ARM = 0.1

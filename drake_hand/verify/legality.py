@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_hand.motion.plan import Plan
-from drake_hand.planning.task import Pose
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Pose
 from drake_hand.verify.findings import Findings
 
 _EVENTS = {"01": "make", "02": "make", "10": "break", "20": "break", "21": "stick", "12": "slip"}

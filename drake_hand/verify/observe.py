@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from drake_hand.model.scene import Scene
-from drake_hand.motion.trajectory import States, Trajectory
+from drake_hand.plans.trajectory import States, Trajectory
 
 STEP_S = 2e-3
 STEP_DEG = 0.25

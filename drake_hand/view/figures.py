@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import States, Trajectory
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import States, Trajectory
 from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
 
 SAMPLES = 2000

@@ -9,8 +9,8 @@ from string import Template
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from drake_hand.motion.plan import Certificate, Plan
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.plan import Certificate, Plan
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view.colors import SUBMODEL
 
 FIRST = (

@@ -7,9 +7,9 @@ import numpy as np
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.verify.run import POSITION_MM, ROTATION_DEG, Record, Run
+from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Record, Run
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view.page import Fact, add_panel
 from drake_hand.view.stage import Stage, frame_times
 

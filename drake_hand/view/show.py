@@ -8,8 +8,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view.page import add_panel
 from drake_hand.view.stage import Stage, frame_times
 

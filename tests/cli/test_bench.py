@@ -8,7 +8,7 @@ import pytest
 from drake_hand import cli
 from drake_hand.cli import bench
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.task import Task
+from drake_hand.plans.task import Task
 
 
 def failing(runs: int, seed: int):

@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from drake_hand import api, cli
-from drake_hand.motion.plan import Plan
 from drake_hand.planning.holding import Tally
+from drake_hand.plans.plan import Plan
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S, START_TOLERANCE_DEG, Schedule
 from drake_hand.epos.sim.pvt import Record, end_accelerations
 from drake_hand.errors import InputError
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.trajectory import Trajectory
 
 DRIVES = Drives.load()
 PLAN = swing(DRIVES.joints, 1.0)

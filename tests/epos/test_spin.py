@@ -9,7 +9,7 @@ from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.motor import LAG_S
 from drake_hand.epos.sim.process import spawn_simulated_drives
-from drake_hand.motion.plan import Plan
+from drake_hand.plans.plan import Plan
 
 pytestmark = pytest.mark.slow
 COUNT_DEG = 180 / 1088

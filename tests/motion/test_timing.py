@@ -11,9 +11,9 @@ from drake_hand.model.object import Geometry, Object
 from drake_hand.motion import law, timing
 from drake_hand.motion.curve import INERTIA_SHARE
 from drake_hand.motion.timing import time_path
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.path import Leg, Path
-from drake_hand.planning.task import Grasp, Options, Pose, Rotate, Step, Task
+from drake_hand.plans.path import Leg, Path
+from drake_hand.plans.task import Grasp, Options, Pose, Rotate, Step, Task
+from drake_hand.plans.trajectory import Trajectory
 
 HAND = Hand.load("kanguera")
 NQ = HAND.nq

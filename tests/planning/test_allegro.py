@@ -8,9 +8,9 @@ import pytest
 from benchmarks.replays import ALLEGRO, PALMS, own, turn
 from drake_hand import api
 from drake_hand.model.hand import Hand
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.task import Pose
-from drake_hand.verify.replay import replay
+from drake_hand.physics.replay import replay
+from drake_hand.plans.task import Pose
+from drake_hand.plans.trajectory import Trajectory
 
 MODELS = Path(__file__).parents[2] / "../shared/models"
 pytestmark = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of real hands is not there")

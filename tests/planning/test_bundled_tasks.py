@@ -5,7 +5,7 @@ import pytest
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.task import Grasp, Options, Pose, Rotate, Step, Task
+from drake_hand.plans.task import Grasp, Options, Pose, Rotate, Step, Task
 
 
 def turned(task: Task, angle_deg: float) -> Task:

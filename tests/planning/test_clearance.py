@@ -10,7 +10,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.object_path import pose
-from drake_hand.planning.task import Pose
+from drake_hand.plans.task import Pose
 
 
 @pytest.fixture(scope="module")

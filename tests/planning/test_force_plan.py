@@ -8,7 +8,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium
-from drake_hand.planning.path import Leg
+from drake_hand.plans.path import Leg
 
 
 def test_free_fingers_are_not_commanded_beyond_their_limits():

@@ -15,7 +15,7 @@ from drake_hand.planning.moves import Limits, Node
 from drake_hand.planning.object_path import build, pose
 from drake_hand.planning.run import GRASPS, Run
 from drake_hand.planning.tables import Tables
-from drake_hand.planning.task import Step, Task, Translate
+from drake_hand.plans.task import Step, Task, Translate
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.planning.knots import finer, resampled
-from drake_hand.planning.path import Leg
+from drake_hand.plans.path import Leg
 
 KNOTS, TORQUE = 9, 1e-5
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.planning.object_path import TICK_DEG, TICK_M, as_pose, build, pose
-from drake_hand.planning.task import MoveTo, Pose, Rotate, Step, Translate
+from drake_hand.plans.task import MoveTo, Pose, Rotate, Step, Translate
 
 START = Pose(xyz_mm=(50.0, 5.0, 110.0), rpy_deg=(90.0, 10.0, -20.0))
 

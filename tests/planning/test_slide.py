@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from drake_hand import api
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.physics.replay import replay
 from drake_hand.planning.force_plan import LIGHT
 from drake_hand.planning.slide import directions
-from drake_hand.planning.task import Grasp, Options, Rotate, Slide, Step, Task
-from drake_hand.verify.replay import replay
+from drake_hand.plans.task import Grasp, Options, Rotate, Slide, Step, Task
+from drake_hand.plans.trajectory import Trajectory
 
 LONG = 6.0
 """mm."""

@@ -11,11 +11,11 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Plan
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.planner import find_path
 from drake_hand.planning.start import PALMS, RATED, variants
-from drake_hand.planning.task import Grasp, Options, Physics, Push, Rotate, Step, Task
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task
 from tests.verify.held import held_plan
 
 

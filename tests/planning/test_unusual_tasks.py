@@ -8,7 +8,7 @@ from drake_hand import api
 from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.planner import find_path
-from drake_hand.planning.task import Grasp, Options, Physics, Pose, Push, Rotate, Step, Task
+from drake_hand.plans.task import Grasp, Options, Physics, Pose, Push, Rotate, Step, Task
 
 
 def spin(*motion: Step, **changes) -> Task:

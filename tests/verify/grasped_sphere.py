@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Plan
 from drake_hand.motion.timing import time_path
-from drake_hand.planning.path import Leg, Path
-from drake_hand.planning.task import Grasp, Options, Pose, Push, Release, Rotate, Step, Task, Translate
+from drake_hand.plans.path import Leg, Path
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Grasp, Options, Pose, Push, Release, Rotate, Step, Task, Translate
 
 NAMES = ("middle", "index", "thumb")
 MODE = "00111"

@@ -9,9 +9,9 @@ from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.plan import Contact, Part, Plan
-from drake_hand.motion.trajectory import quaternions
-from drake_hand.planning.task import Grasp, Options, Physics, Pose, Step, Task
+from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.task import Grasp, Options, Physics, Pose, Step, Task
+from drake_hand.plans.trajectory import quaternions
 
 POSTURE_DEG = {
     "ring": [-3.07, 22.31, 97.89],

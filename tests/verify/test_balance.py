@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
-from drake_hand.motion.trajectory import States
+from drake_hand.plans.trajectory import States
 from drake_hand.verify.balance import UNBALANCED_SHARE, Body, fixture, friction_margins, unbalanced
 
 G = np.array([0.0, 0.0, -9.81])

@@ -10,9 +10,9 @@ from breaking import edited, replace
 from grasped_sphere import MODE, make_plan
 
 from drake_hand.errors import InputError
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.task import Release, Step
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Release, Step
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import certify
 from drake_hand.verify.observe import sample_times
 
@@ -112,7 +112,7 @@ def test_shares_nothing_with_the_planner():
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     rows = ("drake_hand.contact", "drake_hand.modes", "drake_hand.planning.", "drake_hand.motion.")
     shared = {m for m in out if m.startswith(rows)}
-    assert shared == {"drake_hand.planning.task", "drake_hand.motion.plan", "drake_hand.motion.trajectory"}
+    assert shared == {"drake_hand.plans.task", "drake_hand.plans.plan", "drake_hand.plans.trajectory"}
 
 
 def test_release_is_part_of_the_hand_made_plan():

@@ -9,8 +9,8 @@ from grasped_sphere import NAMES, START_MM, Maker
 
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.planning.task import Pose
+from drake_hand.plans.task import Pose
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import certify
 
 

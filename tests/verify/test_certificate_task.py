@@ -5,7 +5,7 @@ import pytest
 from breaking import broken, replace, with_options, with_step, with_task
 from grasped_sphere import ANGLE_DEG, BY_MM, NAMES, START_MM
 
-from drake_hand.planning.task import Grasp, Pose, Release, Rotate, Slide, Step, Translate
+from drake_hand.plans.task import Grasp, Pose, Release, Rotate, Slide, Step, Translate
 from drake_hand.verify.certificate import certify
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.motion.trajectory import States
+from drake_hand.plans.trajectory import States
 from drake_hand.verify.contacts import free_tips_mm, pivot_slip, rolling_slip, runs, sliding_velocity
 from drake_hand.verify.observe import Observed
 

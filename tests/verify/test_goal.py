@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.motion.trajectory import States
-from drake_hand.planning.task import Grasp, MoveTo, Pose, Release, Rotate, Step, Task, Translate
+from drake_hand.plans.task import Grasp, MoveTo, Pose, Release, Rotate, Step, Task, Translate
+from drake_hand.plans.trajectory import States
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import check_goal, pose
 

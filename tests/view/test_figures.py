@@ -4,7 +4,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view import figures
 from drake_hand.view.colors import SUBMODEL
 

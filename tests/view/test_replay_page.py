@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.verify.replay import replay
+from drake_hand.physics.replay import replay
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view.replay import render_replay
 from drake_hand.view.stage import Stage
 from tests.verify.held import held_plan

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from drake_hand import api
-from drake_hand.motion.plan import Certificate, Worst
+from drake_hand.plans.plan import Certificate, Worst
 from drake_hand.view import show
 from drake_hand.view.page import add_panel, certificate_facts, title
 

@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from drake_hand.errors import InputError
 from drake_hand.files import load, write_atomic
-from drake_hand.planning.task import Task
+from drake_hand.plans.task import Task
 
 Row = list[float]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_hand.model.object import Object
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.verify.deviation import Slip, deviation, main_axis, slips
-from drake_hand.verify.physics import Perturbation
+from drake_hand.physics.deviation import Slip, deviation, main_axis, slips
+from drake_hand.physics.simulation import Perturbation
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 
 POSITION_MM, ROTATION_DEG = 3.0, 8.0
 """Success: not dropped, at the end within this of the plan (tilt, and turn about the axis)."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_hand.motion.plan import Part, Plan
+from drake_hand.plans.plan import Part, Plan
 
 
 @dataclass(frozen=True, kw_only=True)

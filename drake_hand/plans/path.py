@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drake_hand.model.hand import Hand
-from drake_hand.planning.task import Task
+from drake_hand.plans.task import Task
 
 if TYPE_CHECKING:
     from drake_hand.model.object import Object

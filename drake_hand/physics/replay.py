@@ -17,11 +17,11 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.motion.plan import Plan
-from drake_hand.motion.trajectory import Trajectory
+from drake_hand.physics.run import Record, Run, judge
+from drake_hand.physics.simulation import ContactKind, Perturbation, Physics
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
-from drake_hand.verify.physics import ContactKind, Perturbation, Physics
-from drake_hand.verify.run import Record, Run, judge
 
 DROPPED_MM = 30.0
 """So far from the plan the object has left the hand."""

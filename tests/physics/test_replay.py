@@ -8,10 +8,10 @@ import pytest
 
 from drake_hand import cli
 from drake_hand.errors import InputError
-from drake_hand.motion.plan import Certificate, Part, Plan
-from drake_hand.motion.trajectory import Trajectory
-from drake_hand.verify.physics import Perturbation
-from drake_hand.verify.replay import commands, hold_windows, replay, simulate
+from drake_hand.physics.replay import commands, hold_windows, replay, simulate
+from drake_hand.physics.simulation import Perturbation
+from drake_hand.plans.plan import Certificate, Part, Plan
+from drake_hand.plans.trajectory import Trajectory
 from tests.verify.held import END, RAMP, held_plan
 
 WEIGHT = np.array([0, 0, -0.015 * 9.81])

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_hand.model.object import Object
-from drake_hand.planning.task import Grasp, Rotate, Step, Task, Translate
-from drake_hand.verify.deviation import deviation, main_axis, slips
+from drake_hand.physics.deviation import deviation, main_axis, slips
+from drake_hand.plans.task import Grasp, Rotate, Step, Task, Translate
 from tests.verify.held import held_plan
 
 AXIS = np.array([0.0, 0.6, 0.8])

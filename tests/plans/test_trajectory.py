@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
-from drake_hand.motion.plan import Contact, Part, Plan
-from drake_hand.motion.trajectory import Trajectory, quaternions, rotations
-from drake_hand.planning.task import Grasp, Pose, Step, Task
+from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.task import Grasp, Pose, Step, Task
+from drake_hand.plans.trajectory import Trajectory, quaternions, rotations
 
 NQ = 3
 

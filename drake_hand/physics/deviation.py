@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Object
-from drake_hand.motion.plan import Plan
-from drake_hand.planning.task import Task
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Task
 from drake_hand.verify.goal import step_goal
 
 

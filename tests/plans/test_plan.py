@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_hand.errors import InputError
-from drake_hand.motion.plan import Certificate, Contact, Part, Plan, Worst
-from drake_hand.planning.task import Grasp, Pose, Step, Task, Translate
+from drake_hand.plans.plan import Certificate, Contact, Part, Plan, Worst
+from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 
 replace = msgspec.structs.replace
 
