@@ -89,7 +89,7 @@ def test_runs_are_perturbed_reproducibly_and_counted(plan):
 
 @pytest.mark.parametrize(("perturb", "made"), [(False, 1), (True, 2)])
 def test_a_run_as_planned_can_be_watched(plan, perturb, made, monkeypatch):
-    from drake_hand.verify import replay as module
+    from drake_hand.physics import replay as module
 
     calls, seen, original = [], [], module.replay
     monkeypatch.setattr(
