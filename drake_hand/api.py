@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.files import convert
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.task import Options, Task
@@ -72,7 +72,8 @@ def solve(
     stages_s = {**path.stats["stages_s"], "timing": timed - found, "certificate": perf_counter() - timed}
     if not certificate.certified:
         reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
-        raise NoPlanFound(reason, evidence={"stages_s": stages_s, "modes": plan.modes})
+        evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
+        raise NoPlanFound(reason, evidence=evidence)
     return PlanResult(
         plan=msgspec.structs.replace(plan, certificate=certificate),
         regrasps=path.stats["regrasps"],

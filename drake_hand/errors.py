@@ -5,6 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Literal
+
+import msgspec
 
 
 class DrakeHandError(Exception):
@@ -44,18 +47,56 @@ class InputError(DrakeHandError, ValueError):
         super().__init__("\n".join(lines))
 
 
+class Evidence(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How far planning got and what blocked it there. What is not known, or not to blame, is left out."""
+
+    mode: str | None = None
+    """Code of the mode it happened in."""
+    finger: str | None = None
+    """Whose constraint it is, where it is one finger's."""
+    constraint: str | None = None
+    """What is violated, by name."""
+    where: str | None = None
+    """Joint or pair of bodies."""
+    amount: float | None = None
+    """By how much: m; of a joint limit rad."""
+    X_WO: list[list[float]] | None = None
+    """(4, 4) the object's pose."""
+    progress: float | None = None
+    """Share of the motion that was reached; None where no search began."""
+    expansions: int | None = None
+    """States looked at."""
+    modes: list[str] = []
+    """Codes of the modes found, in order."""
+    at_limit: list[str] = []
+    """Joints of the finger that are at a limit."""
+    violations: list[str] = []
+    """Everything that is violated, in words, the worst first."""
+
+
 class NoPlanFound(DrakeHandError):
     """There is no plan, or none was found in time; says which mode, finger, constraint and pose blocked.
 
     Args:
         reason: one sentence naming mode, finger, constraint and object pose.
         status: ``infeasible`` or ``timeout``.
-        evidence: machine-readable details (mode, finger, constraint, amount, pose, progress).
+        evidence: the same, and more, for programs.
     """
 
-    def __init__(self, reason: str, *, status: str = "infeasible", evidence: dict | None = None) -> None:
-        self.reason, self.status, self.evidence = reason, status, evidence or {}
+    def __init__(
+        self,
+        reason: str,
+        *,
+        status: Literal["infeasible", "timeout"] = "infeasible",
+        evidence: Evidence | None = None,
+    ) -> None:
+        self.reason, self.status, self.evidence = reason, status, evidence or Evidence()
         super().__init__(reason)
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that was reached; below 0 where no search began, to compare failures by."""
+        return -1.0 if self.evidence.progress is None else self.evidence.progress
 
 
 class DriveError(DrakeHandError):

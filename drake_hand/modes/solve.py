@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.solvers import SnoptSolver, SolverOptions
 
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.modes.constraints import LIMITS, MINIMUM_DISTANCE, ModeProgram, contact_name, reach
 
 TOLERANCE = 1e-5
@@ -68,7 +68,8 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
             if violations:
                 raise _infeasible(program, q, violations)
     except RuntimeError as e:  # distance queries between some convex shapes throw (drake#21673)
-        raise Infeasible(f"mode {program.mode}: a distance query failed: {e}", evidence=_about(program)) from e
+        evidence = Evidence(mode=program.mode.code, constraint=MINIMUM_DISTANCE, X_WO=program.X_WO.tolist())
+        raise Infeasible(f"mode {program.mode}: a distance query failed: {e}", evidence=evidence) from e
     scene, X_WO = program.scene, program.X_WO
     scene.set(q, X_WO)
     tips = {name: scene.tip_position(name) for name in program.p_OC}
@@ -113,25 +114,20 @@ def _infeasible(program: ModeProgram, q: np.ndarray, violations: list[Violation]
         for limit, word in ((hand.q_lower, "lower"), (hand.q_upper, "upper"))
         if abs(q[column] - limit[column]) < AT_LIMIT
     ]
-    evidence = _about(program) | {
-        "finger": worst.finger,
-        "constraint": worst.constraint,
-        "amount": worst.amount,
-        "where": worst.where,
-        "at_limit": limits,
-        "violations": [str(v) for v in violations],
-    }
-    xyz, rpy = (", ".join(f"{round(x, 1) + 0.0:.1f}" for x in evidence[k]) for k in ("xyz_mm", "rpy_deg"))
+    evidence = Evidence(
+        mode=program.mode.code,
+        finger=worst.finger or None,
+        constraint=worst.constraint,
+        where=worst.where or None,
+        amount=worst.amount,
+        X_WO=program.X_WO.tolist(),
+        at_limit=limits,
+        violations=[str(v) for v in violations],
+    )
+    rpy_W = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(program.X_WO[:3, :3])).vector()
+    pose_mm_deg = (program.X_WO[:3, 3] * 1e3, np.degrees(rpy_W))
+    xyz, rpy = (", ".join(f"{round(float(x), 1) + 0.0:.1f}" for x in three) for three in pose_mm_deg)
     who = f"{worst.finger}: " if worst.finger else ""
     at_limit = f", {', '.join(limits)}" if limits else ""
     pose = f"object at ({xyz}) mm, rpy ({rpy}) deg"
     return Infeasible(f"mode {program.mode} is infeasible: {who}{worst}{at_limit}; {pose}", evidence=evidence)
-
-
-def _about(program: ModeProgram) -> dict:
-    rpy = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(program.X_WO[:3, :3])).vector()
-    return {
-        "mode": program.mode.code,
-        "xyz_mm": [float(x) * 1e3 for x in program.X_WO[:3, 3]],
-        "rpy_deg": [math.degrees(a) for a in rpy],
-    }

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Literal
 
 import numpy as np
 
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.model.hand import Hand
 
 
@@ -17,8 +18,9 @@ def no_plan(
     constraint: str,
     X_WO: np.ndarray,
     finger: str | None = None,
-    status: str = "infeasible",
-    **more: float,
+    status: Literal["infeasible", "timeout"] = "infeasible",
+    progress: float | None = None,
+    expansions: int | None = None,
 ) -> NoPlanFound:
     """The error that planning ends with.
 
@@ -29,10 +31,18 @@ def no_plan(
         X_WO: (4, 4) the object's pose.
         finger: whose constraint it is, where it is one finger's.
         status: ``infeasible`` or ``timeout``.
-        more: further evidence.
+        progress: share of the motion that was reached, where a search began.
+        expansions: states it looked at.
     """
     xyz = np.round(X_WO[:3, 3] * 1e3, 2).tolist()
-    evidence = {"mode": mode, "finger": finger, "constraint": constraint, "X_WO": X_WO.tolist(), **more}
+    evidence = Evidence(
+        mode=mode,
+        finger=finger,
+        constraint=constraint,
+        X_WO=X_WO.tolist(),
+        progress=progress,
+        expansions=expansions,
+    )
     return NoPlanFound(f"{what}, in mode {mode}, object at {xyz} mm", status=status, evidence=evidence)
 
 

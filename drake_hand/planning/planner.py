@@ -8,7 +8,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from drake_hand.errors import InputError, NoPlanFound
+from drake_hand.errors import Evidence, InputError, NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -89,10 +89,10 @@ def _find_start(run: Run) -> Path:
             if time.monotonic() > run.deadline:
                 break
     if failures:
-        raise max(failures, key=lambda e: e.evidence.get("progress", 0.0))
+        raise max(failures, key=lambda e: e.progress)
     raise NoPlanFound(
         f"none of {len(rated)} starts tried gives a grasp that holds in any mode",
-        evidence={"mode": None, "finger": None, "constraint": "start", "X_WO": None},
+        evidence=Evidence(constraint="start"),
     )
 
 

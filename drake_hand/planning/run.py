@@ -192,7 +192,7 @@ class Run:
                 if time.monotonic() > self.deadline:
                     break
         if not found:
-            raise max(failures, key=lambda e: e.evidence.get("progress", -1.0))
+            raise max(failures, key=lambda e: e.progress)
 
     def _sets(self, path: ObjectPath) -> list[list[str]]:
         """Sets of fingers worth trying: without forces as few as let one be lifted first, else as many as can."""
@@ -245,7 +245,7 @@ class Run:
                 if e.status == "timeout":
                     break
         if failures:
-            raise max(failures, key=lambda e: e.evidence["progress"])
+            raise max(failures, key=lambda e: e.progress)
 
     def _carry(self, builder: LegBuilder, path: ObjectPath) -> None:
         """Moves the object along the path with the fingers that touch it now."""

@@ -13,6 +13,7 @@ import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -163,7 +164,9 @@ class Search:
                 nodes.append(at)
             turn += 1
 
-    def _failure(self, status: str, what: str, farthest: tuple[int, Node, Limits]) -> NoPlanFound:
+    def _failure(
+        self, status: Literal["infeasible", "timeout"], what: str, farthest: tuple[int, Node, Limits]
+    ) -> NoPlanFound:
         last, node, limits = farthest
         hand, path = self.moves.reach.clearance.hand, self.moves.reach.path
         tick = min(max(last, 0), path.ticks)

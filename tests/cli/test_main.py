@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from drake_hand import cli
-from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
+from drake_hand.errors import DrakeHandError, Evidence, InputError, NoPlanFound
 
 
 @pytest.fixture
@@ -83,10 +83,10 @@ def test_errors_become_a_message_and_a_status(error, status, probe, capsys):
 
 
 def test_no_plan_keeps_its_status_in_json(probe, capsys):
-    probe(raising(NoPlanFound("blocked", status="timeout", evidence={"finger": "thumb"})))
+    probe(raising(NoPlanFound("blocked", status="timeout", evidence=Evidence(finger="thumb", progress=0.0))))
     cli.run(["probe", "--json"])
     answer = json.loads(capsys.readouterr().out)
-    assert answer == {"status": "timeout", "reason": "blocked", "evidence": {"finger": "thumb"}}
+    assert answer == {"status": "timeout", "reason": "blocked", "evidence": {"finger": "thumb", "progress": 0.0}}
 
 
 def test_unexpected_exception_is_named_and_its_traceback_is_to_be_had(probe, capsys, monkeypatch):

@@ -101,16 +101,16 @@ def infeasible(**changes) -> NoPlanFound:
 def test_two_fingers_that_may_not_slide_cannot_turn_a_pencil_round():
     found = infeasible(fingers=["thumb", "index"], modes=["00000", "00011", "00010", "00001"])
     assert found.status == "infeasible"
-    assert found.evidence["mode"] == "00011"
-    assert found.evidence["finger"] in ("thumb", "index")
-    assert found.evidence["constraint"]
+    assert found.evidence.mode == "00011"
+    assert found.evidence.finger in ("thumb", "index")
+    assert found.evidence.constraint
     assert "mm" in found.reason
 
 
 def test_a_pencil_out_of_reach_is_named_so():
     found = infeasible(xyz_mm=(300.0, 0.0, 110.0), fingers=["thumb", "index", "middle"])
-    assert found.evidence["finger"] in ("thumb", "index", "middle")
-    assert found.evidence["constraint"] == "out of reach"
+    assert found.evidence.finger in ("thumb", "index", "middle")
+    assert found.evidence.constraint == "out of reach"
 
 
 def test_a_pencil_as_thick_as_the_hand_is_refused_with_the_palm_named(tmp_path):
@@ -122,4 +122,4 @@ def test_a_pencil_as_thick_as_the_hand_is_refused_with_the_palm_named(tmp_path):
     )
     found = infeasible(object=str(thick))
     assert "palm" in found.reason
-    assert found.evidence["mode"] == "00000"
+    assert found.evidence.mode == "00000"

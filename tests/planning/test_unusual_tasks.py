@@ -42,9 +42,9 @@ def test_forces_that_do_not_exist_are_blamed_on_a_pose(monkeypatch):
     monkeypatch.setattr(Equilibrium, "FRICTION_SHARE", 1e-4)
     with pytest.raises(NoPlanFound, match="balance") as e:
         find_path(task)
-    assert e.value.evidence["constraint"] == "balance"
-    assert e.value.evidence["mode"] in e.value.reason
-    assert np.shape(e.value.evidence["X_WO"]) == (4, 4)
+    assert e.value.evidence.constraint == "balance"
+    assert e.value.evidence.mode in e.value.reason
+    assert np.shape(e.value.evidence.X_WO) == (4, 4)
 
 
 @pytest.mark.parametrize(
