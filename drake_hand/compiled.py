@@ -73,11 +73,12 @@ def _keep(kernel: Any) -> bool:
         folder = _temporary()
     if folder is None:
         return False
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
     try:
         kernel.enable_caching()
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
     return True
 
 
