@@ -7,6 +7,7 @@ install: .venv/.installed
 .venv/.installed: pyproject.toml constraints.txt
 	python3.11 -m venv .venv
 	$(PY) -m pip install --quiet -c constraints.txt -e '.[dev]'
+	$(PY) -m drake_hand.compiled
 	touch $@
 
 demo: install

@@ -12,7 +12,7 @@ import pytest
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
-_PLANNER = ["errors", "files", "model", "plans", "contact", "modes", "planning", "motion"]
+_PLANNER = ["errors", "files", "compiled", "model", "plans", "contact", "modes", "planning", "motion"]
 ROWS = [*_PLANNER, "verify", "physics", "epos", "view", "api", "cli"]
 EPOS_MAY_USE = {"errors", "files", "plans", "epos"}
 HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from drake_hand.compiled import njit
 
 EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
@@ -67,8 +68,8 @@ def margins(
         np.ascontiguousarray(p_WP, dtype=float),
         np.ascontiguousarray(n_W, dtype=float),
         np.ascontiguousarray(mask, dtype=np.bool_),
-        np.broadcast_to(np.asarray(p_WCom, dtype=float), (N, 3)),
-        np.broadcast_to(np.asarray(force_W, dtype=float), (N, 3)),
+        np.array(np.broadcast_to(p_WCom, (N, 3)), dtype=float, order="C"),
+        np.array(np.broadcast_to(force_W, (N, 3)), dtype=float, order="C"),
         float(friction),
         float(torsion_radius),
         1.0 / f_max,
@@ -78,44 +79,7 @@ def margins(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
-    N, k = mask.shape
-    out = np.empty(N)
-    tableau = np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2))
-    basis = np.empty(6 + 2 * k, np.int64)
-    for i in range(N):
-        c = 0
-        for a in range(k):
-            c += mask[i, a]
-        T = tableau[: 8 + 2 * c]
-        columns = (_COLUMNS + 2) * c + 1
-        T[:, : columns + 1] = 0.0
-        j = 0
-        for a in range(k):
-            if mask[i, a]:
-                _contact(
-                    T,
-                    6,
-                    c,
-                    j,
-                    p_WP[i, a],
-                    n_W[i, a],
-                    p_WCom[i],
-                    friction,
-                    torsion_radius,
-                    f_max_inverse,
-                    J[i, a],
-                    effort[a],
-                    drag[i, a],
-                )
-                j += 1
-        _frame(T, basis, c, columns, force_W[i])
-        out[i] = _maximise(T, basis, 6 + 2 * c, columns)
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit()
 def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag):
     """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row."""
     small = 0
@@ -152,7 +116,7 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
         T[top + c + j, column] = load
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit()
 def _frame(T, basis, c, columns, force):
     """Adds s, slacks, right-hand side and both cost rows; the six wrench rows start with artificial variables (-1)."""
     last = 6 + 2 * c
@@ -177,7 +141,7 @@ def _frame(T, basis, c, columns, force):
     T[last + 1, s] = -1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit()
 def _pivot(T, basis, rows, columns, row, column):
     inverse = 1.0 / T[row, column]
     for x in range(columns + 1):
@@ -190,7 +154,7 @@ def _pivot(T, basis, rows, columns, row, column):
     basis[row] = column
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit()
 def _maximise(T, basis, rows, columns):
     """Two-phase tableau simplex: first empties the artificial variables, then maximises s."""
     for phase in range(2):
@@ -223,3 +187,43 @@ def _maximise(T, basis, rows, columns):
                             _pivot(T, basis, rows, columns, y, x)
                             break
     return T[rows + 1, columns]
+
+
+@njit(
+    "f8[::1](f8[:, :, ::1], f8[:, :, ::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8,"
+    "f8[:, :, :, ::1], f8[:, ::1], f8[:, :, ::1])"
+)
+def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
+    N, k = mask.shape
+    out = np.empty(N)
+    tableau = np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2))
+    basis = np.empty(6 + 2 * k, np.int64)
+    for i in range(N):
+        c = 0
+        for a in range(k):
+            c += mask[i, a]
+        T = tableau[: 8 + 2 * c]
+        columns = (_COLUMNS + 2) * c + 1
+        T[:, : columns + 1] = 0.0
+        j = 0
+        for a in range(k):
+            if mask[i, a]:
+                _contact(
+                    T,
+                    6,
+                    c,
+                    j,
+                    p_WP[i, a],
+                    n_W[i, a],
+                    p_WCom[i],
+                    friction,
+                    torsion_radius,
+                    f_max_inverse,
+                    J[i, a],
+                    effort[a],
+                    drag[i, a],
+                )
+                j += 1
+        _frame(T, basis, c, columns, force_W[i])
+        out[i] = _maximise(T, basis, 6 + 2 * c, columns)
+    return out

@@ -1,0 +1,117 @@
+"""`njit`: numba's, with machine code kept wherever there is a place to keep it, so that a machine compiles once.
+
+``python -m drake_hand.compiled`` compiles everything there is. Done once where the package is installed, it leaves
+nothing to compile to anyone who uses it, also where they may write nowhere.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+PACKAGE = Path(__file__).parent
+
+
+def njit(signature: str | None = None) -> Callable[[Callable], Any]:
+    """Compiles a function for numpy arrays and numbers: no Python objects, no GIL, division as in numpy.
+
+    A kernel called from Python states its signature, in numba's notation: it is compiled, or loaded, on import, takes
+    C-contiguous writable arrays of just these types, and is among what `prepare` compiles. Functions that only kernels
+    call state none, and stand before them.
+
+    ```python
+    @njit("f8[:](f8[:, ::1], f8)")
+    def _lengths(p, scale): ...
+    ```
+
+    Code is kept beside the source, else in the user's cache directory, else in one of the user's own below the
+    temporary directory, else in memory. What was compiled beside the source is used wherever new code is kept.
+
+    Args:
+        signature: of the only version there is; without one, a version is compiled for every kind of arguments.
+    """
+
+    def compile_(function: Callable) -> Any:
+        kernel = numba.njit(nogil=True, error_model="numpy")(function)
+        if _keep(kernel):
+            _copy_ready(kernel)
+        if signature is not None:
+            kernel.compile(signature)
+            kernel.disable_compile()
+        return kernel
+
+    return compile_
+
+
+def prepare() -> list[str]:
+    """Compiles the kernels of all modules, or finds them compiled.
+
+    Returns:
+        The modules that have some.
+    """
+    files = sorted(f for f in PACKAGE.rglob("*.py") if "\nfrom drake_hand.compiled import" in f.read_text("utf-8"))
+    modules = [".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts) for f in files]
+    for module in modules:
+        importlib.import_module(module)
+    return modules
+
+
+def _keep(kernel: Any) -> bool:
+    """Lets numba keep the kernel's code on disk, if there is a place; says whether there is."""
+    try:
+        kernel.enable_caching()
+        return True
+    except RuntimeError:  # neither beside the source nor in a home directory
+        folder = _temporary()
+    if folder is None:
+        return False
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+    try:
+        kernel.enable_caching()
+    finally:
+        config.CACHE_DIR = before
+    return True
+
+
+def _temporary() -> Path | None:
+    """A folder below the temporary directory into which nobody else can put code."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"drake_hand-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        return None
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if own else None
+
+
+def _copy_ready(kernel: Any) -> None:
+    """Copies code from beside the source to where the kernel's is kept; numba takes none that is out of date."""
+    source, kept = Path(kernel.py_func.__code__.co_filename), Path(kernel.stats.cache_path)
+    # code comes before the index that points to it
+    ready = sorted((source.parent / "__pycache__").glob(f"{source.stem}.{kernel.py_func.__qualname__}-*.nb[ci]"))
+    if not ready or kept == ready[0].parent:
+        return
+    index = kept / ready[-1].name
+    if index.exists() and index.stat().st_mtime >= ready[-1].stat().st_mtime:
+        return
+    for file in ready:
+        part = kept / f".{os.getpid()}.{file.name}"
+        shutil.copyfile(file, part)
+        os.replace(part, kept / file.name)
+
+
+if __name__ == "__main__":
+    for name in prepare():
+        print(f"compiled {name}")

@@ -1,0 +1,87 @@
+"""Kernels where the package may not be written, by a user without a home: ready, kept elsewhere, or in memory."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import drake_hand
+
+KERNEL = '''"""A kernel."""
+from drake_hand.compiled import njit
+
+@njit()
+def _square(x):
+    return x * x
+
+@njit("f8(f8)")
+def length(x):
+    return _square(x) ** 0.5
+'''
+ASK = """
+import drake_hand.kernel as k
+assert k.length(-3.0) == 3.0
+stats = getattr(k.length, "stats")
+print(sum(stats.cache_hits.values()), stats.cache_path)
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of `njit` and one kernel, in a folder of its own."""
+    folder = tmp_path / "installed" / "drake_hand"
+    folder.mkdir(parents=True)
+    source = Path(drake_hand.__file__).parent
+    for name in ("__init__.py", "errors.py", "compiled.py"):
+        shutil.copy(source / name, folder)
+    (folder / "kernel.py").write_text(KERNEL)
+    return folder
+
+
+def read_only(package: Path) -> None:
+    for path in [package, *package.rglob("*")]:
+        path.chmod(path.stat().st_mode & 0o555)
+
+
+def ask(package: Path, tmp: Path, code: str = ASK) -> list[str]:
+    """What a process says that runs with the rights of files as they are, even if the tests are run by root."""
+    plain = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.getuid() == 0 else []
+    environment = {"PYTHONPATH": str(package.parent), "HOME": os.devnull, "TMPDIR": str(tmp), "PATH": os.defpath}
+    command = [*plain, sys.executable, "-c", code]
+    job = subprocess.run(command, env=environment, cwd=package.parent.parent, capture_output=True, text=True)
+    assert job.returncode == 0, job.stderr
+    return job.stdout.split()
+
+
+def test_code_is_kept_beside_the_source(package, tmp_path):
+    assert ask(package, tmp_path) == ["0", str(package / "__pycache__")]
+    assert ask(package, tmp_path) == ["1", str(package / "__pycache__")]
+
+
+def test_code_is_kept_in_a_private_folder_where_there_is_no_home(package, tmp_path):
+    read_only(package)
+    hits, folder = ask(package, tmp_path)
+    assert hits == "0"
+    own = tmp_path / f"drake_hand-{os.getuid()}"
+    assert own in Path(folder).parents
+    assert own.stat().st_mode & 0o077 == 0
+    assert ask(package, tmp_path) == ["1", folder]
+
+
+def test_what_the_installation_compiled_serves_those_who_may_not_write(package, tmp_path):
+    prepared = ask(package, tmp_path, "import drake_hand.compiled as c; print(*c.prepare())")
+    assert prepared == ["drake_hand.kernel"]
+    read_only(package)
+    assert ask(package, tmp_path)[0] == "1"
+
+
+def test_code_stays_in_memory_where_nothing_may_be_written_or_trusted(package, tmp_path):
+    read_only(package)
+    shared = tmp_path / f"drake_hand-{os.getuid()}"
+    shared.mkdir()
+    shared.chmod(0o777)
+    assert ask(package, tmp_path) == ["0", "None"]
+    assert not list(shared.iterdir())
