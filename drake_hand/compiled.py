@@ -20,12 +20,12 @@ import numba
 PACKAGE = Path(__file__).parent
 
 
-def njit(signature: str | None = None) -> Callable[[Callable], Any]:
+def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable], Any]:
     """Compiles a function for numpy arrays and numbers: no Python objects, no GIL, division as in numpy.
 
-    A kernel called from Python states its signature, in numba's notation: it is compiled, or loaded, on import, takes
-    C-contiguous writable arrays of just these types, and is among what `prepare` compiles. Functions that only kernels
-    call state none, and stand before them.
+    A kernel called from Python states its signature, in numba's notation or as types: it is compiled, or loaded, on
+    import, takes C-contiguous writable arrays of just these types, and is among what `prepare` compiles. Functions that
+    only kernels call state none, and stand before them.
 
     ```python
     @njit("f8[:](f8[:, ::1], f8)")

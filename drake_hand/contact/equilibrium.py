@@ -189,6 +189,32 @@ def _maximise(T, basis, rows, columns):
     return T[rows + 1, columns]
 
 
+@njit()
+def workspace(k):
+    """What `margin` works in, for k contacts at the most."""
+    return np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2)), np.empty(6 + 2 * k, np.int64)
+
+
+@njit()
+def margin(tableau, basis, p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
+    """One set of `margins`, for compiled code."""
+    k, c = len(mask), 0
+    for a in range(k):
+        c += mask[a]
+    T = tableau[: 8 + 2 * c]
+    columns = (_COLUMNS + 2) * c + 1
+    T[:, : columns + 1] = 0.0
+    j = 0
+    for a in range(k):
+        if mask[a]:
+            _contact(
+                T, 6, c, j, p_WP[a], n_W[a], p_WCom, friction, torsion_radius, f_max_inverse, J[a], effort[a], drag[a]
+            )
+            j += 1
+    _frame(T, basis, c, columns, force_W)
+    return _maximise(T, basis, 6 + 2 * c, columns)
+
+
 @njit(
     "f8[::1](f8[:, :, ::1], f8[:, :, ::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8,"
     "f8[:, :, :, ::1], f8[:, ::1], f8[:, :, ::1])"
@@ -196,34 +222,21 @@ def _maximise(T, basis, rows, columns):
 def _margins(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
     N, k = mask.shape
     out = np.empty(N)
-    tableau = np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2))
-    basis = np.empty(6 + 2 * k, np.int64)
+    tableau, basis = workspace(k)
     for i in range(N):
-        c = 0
-        for a in range(k):
-            c += mask[i, a]
-        T = tableau[: 8 + 2 * c]
-        columns = (_COLUMNS + 2) * c + 1
-        T[:, : columns + 1] = 0.0
-        j = 0
-        for a in range(k):
-            if mask[i, a]:
-                _contact(
-                    T,
-                    6,
-                    c,
-                    j,
-                    p_WP[i, a],
-                    n_W[i, a],
-                    p_WCom[i],
-                    friction,
-                    torsion_radius,
-                    f_max_inverse,
-                    J[i, a],
-                    effort[a],
-                    drag[i, a],
-                )
-                j += 1
-        _frame(T, basis, c, columns, force_W[i])
-        out[i] = _maximise(T, basis, 6 + 2 * c, columns)
+        out[i] = margin(
+            tableau,
+            basis,
+            p_WP[i],
+            n_W[i],
+            mask[i],
+            p_WCom[i],
+            force_W[i],
+            friction,
+            torsion_radius,
+            f_max_inverse,
+            J[i],
+            effort,
+            drag[i],
+        )
     return out

@@ -1,103 +1,44 @@
-"""Closing the hand on the object and opening it again, and where fingers wait that take no part."""
+"""Closing the hand on the object and opening it again."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from drake_hand.planning.collision import CLEARANCE, Clearance
-from drake_hand.planning.failure import code, no_plan
+from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.reach import Hold
 from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift, travel
 
-_POSES = 40
-"""Poses of the object at which a waiting finger is checked."""
-_BATCH = 64
-"""Postures tried at once."""
+
+class Contact(NamedTuple):
+    """Where a finger is to touch."""
+
+    q: np.ndarray
+    """(m,) rad."""
+    n_W: np.ndarray
+    """(3,) outward normal."""
+    p_OP: np.ndarray
+    """(3,) contact point, m."""
 
 
-def park(
-    clearance: Clearance,
-    path: ObjectPath,
-    parked: Collection[int],
-    rest: np.ndarray | None = None,
-    touching: Collection[int] = (),
-) -> np.ndarray:
-    """A posture of the whole hand that is clear of the object: where it would rest, or as near to that as can be.
-
-    Args:
-        clearance: of the scene.
-        path: of the object; fingers in `parked` keep clear of all of it, the others of its start.
-        parked: indices of fingers that take no part.
-        rest: (nq,) where it would rest, rad; home if not given.
-        touching: indices of fingers that stay there in any case.
-
-    Returns:
-        (nq,) rad.
-
-    Raises:
-        NoPlanFound: a finger finds no clear posture.
-    """
-    hand = clearance.hand
-    rest = hand.q_home if rest is None else rest
-    q = rest.copy()
-    some = path.X_WO[np.unique(np.linspace(0, path.ticks, _POSES).astype(int))]
-    placed = [(i, clearance.centres(i, rest[None, hand.fingers[i].columns])) for i in touching]
-
-    def clear(i: int, postures: np.ndarray) -> np.ndarray:
-        centres = clearance.centres(i, postures)
-        least = clearance.to_palm(i, centres)
-        for j, other in placed:
-            least = np.minimum(least, clearance.between(i, centres, j, other))
-        for X in some if i in parked else some[:1]:
-            least = np.minimum(least, clearance.to_object(i, centres, X, tip=True))
-        return np.flatnonzero(least >= CLEARANCE)
-
-    for i, finger in enumerate(hand.fingers):
-        if i in touching:
-            continue
-        for postures in _near(clearance, i, rest[finger.columns]):
-            fine = clear(i, postures)
-            if len(fine):
-                q[finger.columns] = postures[fine[0]]
-                placed.append((i, clearance.centres(i, postures[fine[:1]])))
-                break
-        else:
-            what = f"finger {finger.name} has no posture clear of the object and the other fingers while it waits"
-            mode = code(hand, ())
-            raise no_plan(what, mode=mode, finger=finger.name, constraint="collision", X_WO=path.X_WO[0])
-    return q
-
-
-def _near(clearance: Clearance, i: int, rest: np.ndarray) -> Iterator[np.ndarray]:
-    """The posture (m,) itself, then batches of postures (n, m) ever farther from it."""
-    yield rest[None]
-    grid = clearance.postures(i).q
-    grid = grid[np.argsort(np.abs(grid - rest).max(axis=1), kind="stable")]
-    for start in range(0, len(grid), _BATCH):
-        yield grid[start : start + _BATCH]
-
-
-def close(builder: LegBuilder, clearance: Clearance, holds: list[Hold]) -> bool:
+def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Contact]) -> bool:
     """Brings free fingers from where they are to their contacts: way to above the contact, then landing together.
 
     Returns:
         Whether it was possible; if not, the builder is left as it was.
     """
     X = builder.X_WO
-    contacts = {h.finger: (h.at(h.birth)[0], h.at(h.birth)[2]) for h in holds}
-    for up in _lifts(clearance, builder.q, contacts, X):
+    for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W) for i, c in contacts.items()}, X):
         down = {i: way[::-1] for i, way in up.items()}
         legs = ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:
             for pieces in [*legs, down]:
                 builder.move(pieces)
-            for h in holds:
-                builder.make(h.finger, X[:3, :3].T @ (h.at(h.birth)[1] - X[:3, 3]))
+            for i, contact in contacts.items():
+                builder.make(i, contact.p_OP)
             return True
     return False
 

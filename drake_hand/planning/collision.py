@@ -23,6 +23,8 @@ CLEARANCE = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
 _SPACING, _MOST = 6.0e-3, 150
 """Of the spheres that cover boxes and meshes, m; where that takes more than so many, they are bigger."""
+_OBJECT_SPACING, _OBJECT_MOST = 4.0e-3, 600
+"""The same of those that cover the object, where it is to keep clear of the palm."""
 LIMIT_MARGIN = np.radians(2.0)
 """Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
 _SHELL = 4.0e-3
@@ -50,7 +52,7 @@ class Postures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Spheres:
+class Spheres:
     """Spheres fixed to the moving joints of one finger: one around each group, then those that cover the shapes."""
 
     joint: np.ndarray
@@ -75,7 +77,7 @@ class _Solid:
         corners = np.concatenate([g.box_O for g in surface.geometries])
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
 
-    def least_gap(self, p: np.ndarray, s: _Spheres, use: np.ndarray) -> np.ndarray:
+    def least_gap(self, p: np.ndarray, s: Spheres, use: np.ndarray) -> np.ndarray:
         """(N,) least clearance of the spheres s that are used (S,), their centres at p (N, G + S, 3)."""
         G, starts = len(s.around), [rows.start for _, rows in s.groups]
         around = self._outside(p[:, :G]) - s.around
@@ -118,7 +120,17 @@ class Clearance:
         self.still = frozenset(body.name() for body in bodies)
         """Names of the bodies that stand still in W."""
         self._palm = [_still(scene, s) for s in self._spheres]
+        self.still_shapes = tuple(g for body in bodies for _, g in _standing(scene, body))
+        """Shapes that stand still, in W."""
+        self.keeps_off = [_keeps_off(scene, s, bodies) for s in self._spheres]
+        """By finger: (G, B) bool, whether each group of its spheres has to keep clear of each of these."""
+        self.object_cover = _cover_object(self.surface)
+        """Centres (T, 3) in O and radii (T,) of spheres that cover the object, m."""
         self._postures: dict[int, Postures] = {}
+
+    def spheres(self, i: int) -> Spheres:
+        """Those that cover finger i."""
+        return self._spheres[i]
 
     def postures(self, i: int) -> Postures:
         """The grid of finger i, made when first asked for."""
@@ -209,7 +221,7 @@ def _geometries(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometr
     return out
 
 
-def _cover(scene: Scene, finger: Finger) -> _Spheres:
+def _cover(scene: Scene, finger: Finger) -> Spheres:
     joint, points, radii, tips = [], [], [], []
     around: list[tuple[int, np.ndarray, float]] = []
     groups: list[tuple[RigidBody, slice]] = []
@@ -231,7 +243,7 @@ def _cover(scene: Scene, finger: Finger) -> _Spheres:
             around.append((index, centre, float((np.linalg.norm(p - centre, axis=1) + r).max())))
             groups.append((body, slice(count, count + len(p))))
             count += len(p)
-    return _Spheres(
+    return Spheres(
         joint=np.concatenate([[index for index, _, _ in around], *joint]).astype(int),
         p_J=np.concatenate([[centre for _, centre, _ in around], *points]),
         around=np.array([r for _, _, r in around]),
@@ -251,23 +263,41 @@ def _bodies(scene: Scene, finger: Finger) -> Iterator[tuple[int, RigidBody, np.n
             yield index, body, X_JW.multiply(body.EvalPoseInWorld(context)).GetAsMatrix4()
 
 
-def _still(scene: Scene, spheres: _Spheres) -> list[tuple[_Solid, np.ndarray]]:
+def _standing(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometry]]:
+    """Proximity geometries of a body that stands still, in W."""
+    X_WL = body.EvalPoseInWorld(scene.plant_context).GetAsMatrix4()
+    return [(gid, replace(g, X_OG=X_WL @ g.X_OG)) for gid, g in _geometries(scene, body)]
+
+
+def _keeps_off(scene: Scene, spheres: Spheres, bodies: list[RigidBody]) -> np.ndarray:
+    inspector = scene.scene_graph.model_inspector()
+    still = [gid for body in bodies for gid, _ in _geometries(scene, body)]
+    own = [[gid for gid, _ in _geometries(scene, body)] for body, _ in spheres.groups]
+    rows = [[any(not inspector.CollisionFiltered(a, b) for a in ids) for b in still] for ids in own]
+    return np.array(rows, dtype=bool).reshape(len(own), len(still))
+
+
+def _cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    found = [_cover_geometry(g, _OBJECT_SPACING, _OBJECT_MOST) for g in surface.geometries]
+    return np.concatenate([p for p, _ in found]), np.concatenate([np.full(len(p), r) for p, r in found])
+
+
+def _still(scene: Scene, spheres: Spheres) -> list[tuple[_Solid, np.ndarray]]:
     """Bodies that stand still in W, and which of a finger's spheres (S,) are checked against each."""
     inspector = scene.scene_graph.model_inspector()
     own = [[g for g, _ in _geometries(scene, body)] for body, _ in spheres.groups]
     found = []
     for body in scene.plant.GetBodiesWeldedTo(scene.plant.world_body()):
-        shapes = _geometries(scene, body)
+        shapes = _standing(scene, body)
         use = np.zeros(len(spheres.radius), dtype=bool)
         for (_, rows), ids in zip(spheres.groups, own, strict=True):
             use[rows] = any(not inspector.CollisionFiltered(a, b) for a in ids for b, _ in shapes)
         if use.any():
-            X_WL = body.EvalPoseInWorld(scene.plant_context).GetAsMatrix4()
-            found.append((_Solid(Surface(tuple(replace(g, X_OG=X_WL @ g.X_OG) for _, g in shapes))), use))
+            found.append((_Solid(Surface(tuple(g for _, g in shapes))), use))
     return found
 
 
-def _cover_geometry(g: Geometry) -> tuple[np.ndarray, float]:
+def _cover_geometry(g: Geometry, step: float = _SPACING, most: int = _MOST) -> tuple[np.ndarray, float]:
     """Centres in the link's frame and radius of spheres that cover a shape."""
     if g.kind == "sphere":
         centres, radius = np.zeros((1, 3)), g.size[0]
@@ -280,7 +310,7 @@ def _cover_geometry(g: Geometry) -> tuple[np.ndarray, float]:
         z = np.linspace(-end, end, n if g.kind == "cylinder" else n + 1)
         centres, radius = np.column_stack([np.zeros((len(z), 2)), z]), float(np.hypot(r, half))
     else:
-        spacing = max(_SPACING, float(np.sqrt(g.to_trimesh().area / _MOST)))
+        spacing = max(step, float(np.sqrt(g.to_trimesh().area / most)))
         p, normal = Surface((replace(g, X_OG=np.eye(4)),)).sample(spacing)
         centres, radius = p - _SHELL * normal, float(np.hypot(_SHELL, spacing / np.sqrt(2)))
     return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radius

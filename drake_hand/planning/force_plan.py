@@ -31,8 +31,8 @@ LIGHT = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
 SLACK = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
-INTERPOLATED = 1e-4
-"""Torque that may be lost between knots, in weights of the object times m: a half of what the certificate tolerates."""
+INTERPOLATED = 0.6e-4
+"""Torque that may be lost between knots, in weights of the object times m: a third of what the certificate tolerates."""
 WEIGHTLESS = 0.05
 """Gravity over that on earth below which an object floats."""
 

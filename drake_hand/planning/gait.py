@@ -16,7 +16,9 @@ import numpy as np
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
+from drake_hand.planning.moves import Moves
 from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.state import State, Stroke, Switch
 
 STROKES = (36, 28, 20, 14, 10)
 """Ticks a gait may advance before it steps back, the longest first."""
@@ -26,6 +28,9 @@ SAMPLES = 6000
 """Random gaits rated per stroke."""
 STARTS = 12
 """The most promising of them are improved."""
+
+ENOUGH = 0.3
+"""Margin over the preload with which a gait's longer stroke counts for more, N."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +84,81 @@ def find(
 
 def _sample(holds: list[Hold], rng: np.random.Generator) -> list[Hold]:
     return [holds[j] for j in rng.permutation(len(holds))[:POOL]]
+
+
+def propose(
+    table: ReachTable,
+    fingers: list[int],
+    moves: Moves,
+    holding: Holding,
+    q: np.ndarray,
+    able: Callable[[State], bool],
+) -> State | None:
+    """The end of the best periodic gait whose advance and transits are clear and hold throughout.
+
+    Args:
+        table: of a symmetric object.
+        fingers: indices of the fingers that take part.
+        moves: of the same path.
+        holding: predicate.
+        q: (n, m) where the others wait, rad.
+        able: whether the hand can get to a grasp.
+    """
+    for gait in find(table, fingers, holding, moves.allowed, moves.rng, enough=ENOUGH):
+        end = _unrolled(gait, table, moves, q) if able(_root(gait, moves, q)) else None
+        if end is not None:
+            return end
+    return None
+
+
+def _root(gait: Gait, moves: Moves, q: np.ndarray) -> State:
+    q, touching = q.copy(), np.zeros(len(q), dtype=bool)
+    for h in gait.holds:
+        q[h.finger, : h.q.shape[1]], touching[h.finger] = h.q[0], True
+    X = np.ascontiguousarray(moves.path.X_WO[0, :3])
+    root = State(s=0.0, off=np.zeros(6), X=X, q=q, touching=touching)
+    moves.evaluate([root])
+    return root
+
+
+def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> State | None:
+    """The gait as states from tick 0 to the end of the path; None where a transit or an advance is blocked."""
+    goal, state = moves.path.ticks, _root(gait, moves, q)
+    births = [0] * len(gait.holds)
+    steps: dict[int, Switch] = {}
+    while True:
+        start = round(state.s)
+        end = min(start + gait.stroke, goal)
+        if all(b + len(h.q) - 1 >= goal for b, h in zip(births, gait.holds, strict=True)):
+            end = goal
+        ticks = np.arange(start, end + 1)
+        posture = np.repeat(state.q[None], len(ticks), axis=0)
+        for b, h in zip(births, gait.holds, strict=True):
+            posture[:, h.finger, : h.q.shape[1]] = h.q[ticks - b]
+        X = np.ascontiguousarray(moves.path.X_WO[ticks, :3])
+        if not steps and moves.carried(state, float(end), state.off) is None:
+            return None
+        move = Stroke(X=X, q=posture)
+        state = State(
+            s=float(end), off=state.off, X=X[-1], q=posture[-1], touching=state.touching, regrasps=state.regrasps,
+            parent=state, move=move,
+        )  # fmt: skip
+        if end == goal:
+            return state
+        for slot in gait.order:
+            h, q_next = gait.holds[slot], state.q.copy()
+            q_next[h.finger, : h.q.shape[1]] = h.q[0]
+            after = State(
+                s=state.s, off=state.off, X=state.X, q=q_next, touching=state.touching, regrasps=state.regrasps + 1,
+                parent=state, move=steps.get(slot),
+            )  # fmt: skip
+            if after.move is None:
+                moves.evaluate([state, after])
+                switch = moves.switch(state, after, h.finger)
+                if switch is None:
+                    return None
+                after.move = steps[slot] = switch
+            births[slot], state = end, after
 
 
 class _Rating:

@@ -1,22 +1,29 @@
-"""Grasp selection: the sets of first contacts from which the search over the automaton starts."""
+"""Grasps: the states a search starts from."""
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 
+from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
-from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.contact_sets import ContactSets
-from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.failure import code, no_plan
+from drake_hand.planning.kernels import hold
+from drake_hand.planning.moves import COARSE, Moves
+from drake_hand.planning.reach import Hold
+from drake_hand.planning.state import State
+from drake_hand.planning.world import split
 
-CANDIDATES = 36
-"""First contacts considered per finger."""
-COMBINATIONS = 4000
-GRASPS = 24
-"""Grasps handed to the search."""
+DRAWN = 3000
+"""Sets of contacts drawn at random."""
+TOUCHES = 0.85
+"""Chance that a finger takes part in one, where the task does not say which do."""
+LOOKED_AT = 300
+"""Of those that hold, how many are looked at more closely."""
+AHEAD = 40
+"""How far their contacts are followed along the nominal way, coarse steps."""
+GRASPS = 60
+"""Of those, how many a search starts from."""
 
 
 def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> ContactSets:
@@ -28,90 +35,77 @@ def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> Contac
     return sets
 
 
-def spread(holds: list[Hold], count: int) -> list[Hold]:
-    """The longest-lasting hold and those farthest from the ones already taken (greedy), up to `count`."""
-    if len(holds) <= count:
-        return holds
-    points = np.stack([np.concatenate([h.p_WP[0], 0.02 * h.n_W[0]]) for h in holds])
-    bonus = np.array([0.004 * min(len(h.q), 40) / 40 for h in holds])
-    taken = [0]
-    distance = np.linalg.norm(points - points[0], axis=1)
-    while len(taken) < count:
-        best = int(np.argmax(np.where(distance > 0, distance + bonus, -1)))
-        taken.append(best)
-        distance = np.minimum(distance, np.linalg.norm(points - points[best], axis=1))
-    return [holds[j] for j in taken]
+def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State]:
+    """Grasps of the object where its way begins, the most promising first.
 
+    Args:
+        moves: whose fingers may touch.
+        q: (n, m) where the fingers are that do not, rad.
+        every: whether all of these fingers have to.
+        most: whether more fingers come before all else.
 
-def select(
-    reach: ReachTable, fingers: list[int], holding: Holding, rng: np.random.Generator
-) -> list[tuple[float, list[Hold]]]:
-    """Grasps with the given fingers at tick 0, best first.
-
-    A grasp is good if the object stays held when any one finger is lifted, and if its holds last.
-
-    Returns:
-        (score, holds) pairs; empty where some finger reaches nothing or no combination is clear and holds.
+    Raises:
+        NoPlanFound: there is none; counts what failed.
     """
-    clearance = reach.clearance
-    goal = reach.path.ticks
-    tables = []
-    for i in fingers:
-        able = reach.holds(i, 0)
-        tables.append(spread([h for h in able if h.end >= goal] or able, CANDIDATES))
-    if not all(tables):
-        return []
-    combos = _combinations(clearance, fingers, tables, rng)
-    if not len(combos):
-        return []
-    grasps = [[tables[x][j] for x, j in enumerate(row)] for row in combos]
-    sets = together(clearance.hand, grasps, reach.p_WCom(np.array([0]))[0])
-    whole = holding.margins(sets)
-    kept = whole >= 0
-    if not kept.any():
-        return []
-    liftable = np.zeros(len(grasps))
-    liftable[kept] = np.sum([holding.margins(sets[kept].without(i)) >= 0 for i in fingers], axis=0)
-    lasting = np.array([min(len(h.q) for h in holds) for holds in grasps])
-    score = np.where(kept, liftable + np.minimum(lasting, 40) / 40 + np.minimum(whole, 1.0), -np.inf)
-    best = _different(combos, score)
-    return [(float(score[b]), grasps[b]) for b in best]
+    hand, X = moves.clearance.hand, np.ascontiguousarray(moves.path.X_WO[0, :3])
+    n = len(q)
+    rng, fingers = moves.rng, sorted(moves.fingers)
+    posture, touching = np.repeat(q[None], DRAWN, axis=0), np.zeros((DRAWN, n), dtype=bool)
+    reached = {}
+    way, steps = _whole_way(moves)
+    for f in fingers:
+        contacts, _, _ = moves.contacts(f, X)
+        reached[f] = len(contacts)
+        if not len(contacts):
+            continue
+        lasting = moves.lasting(np.full(len(contacts), f), contacts, np.repeat(way[None], len(contacts), axis=0), steps)
+        weight = lasting / steps + 0.05
+        pick = rng.choice(len(contacts), DRAWN, p=weight / weight.sum())
+        on = rng.random(DRAWN) < (1.0 if every else TOUCHES)
+        posture[on, f], touching[on, f] = contacts[pick[on]], True
+    mode = code(hand, fingers)
+
+    def fail(what: str, constraint: str, finger: int | None = None) -> NoPlanFound:
+        name = None if finger is None else hand.fingers[finger].name
+        return no_plan(what, mode=mode, constraint=constraint, finger=name, X_WO=moves.path.X_WO[0])
+
+    unable = [f for f in fingers if not reached[f]]
+    if unable and (every or len(unable) == len(fingers)):
+        names = ", ".join(hand.fingers[f].name for f in unable)
+        raise fail(f"no point of the object is within reach of {names}", "reach", unable[0])
+    modes = {tuple(row) for row in np.unique(touching, axis=0).tolist()}
+    able = {row: moves.allowed(frozenset(np.flatnonzero(row).tolist())) for row in modes}
+    some = np.array([able[tuple(row)] for row in touching.tolist()])
+    if not some.any():
+        raise fail("a grasp needs a mode that options.modes leaves out", "modes")
+    posture, touching = posture[some], touching[some]
+    margins, poses = np.zeros((len(posture), n + 1)), np.repeat(X[None], len(posture), axis=0)
+    points, normals = np.zeros((2, len(posture), n, 3))
+
+    def run(r: slice) -> None:
+        hold.held_without(moves.world, moves.load, poses[r], posture[r], touching[r], margins[r], points[r], normals[r])
+
+    split(run, len(posture))
+    held = np.flatnonzero(margins[:, -1] >= 0)
+    if not len(held):
+        most_held = float(margins[:, -1].max())
+        what = f"none of {len(posture)} sets of contacts balances the object: at best {-most_held:.2g} N are missing"
+        raise fail(what, "balance")
+    value = (margins[held, :-1] >= 0).sum(axis=1) + np.minimum(margins[held, -1], 1.0)
+    value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
+    held = held[np.argsort(-value, kind="stable")]
+    clear = held[moves.clear(X, posture[held], touching[held])][:LOOKED_AT]
+    if not len(clear):
+        what = f"none of {len(held)} sets of contacts that balance the object is clear of collisions"
+        raise fail(what, "collision")
+    out = [State(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
+    moves.evaluate(out)
+    best = sorted(out, key=lambda x: (-int(x.touching.sum()) if most else 0, -x.score))
+    return best[:GRASPS]
 
 
-def _combinations(
-    clearance: Clearance, fingers: list[int], tables: list[list[Hold]], rng: np.random.Generator
-) -> np.ndarray:
-    """Rows of one hold per finger (indices into its table) that are clear of one another: all, or some at random."""
-    centres = [clearance.centres(i, np.stack([h.q[0] for h in t])) for i, t in zip(fingers, tables, strict=True)]
-    few = np.prod([float(len(t)) for t in tables]) <= COMBINATIONS
-    rows = np.zeros((1 if few else COMBINATIONS, 0), dtype=int)
-    for y, table in enumerate(tables):
-        clear = np.ones((len(rows), len(table)), dtype=bool)
-        for x in range(y):
-            a, b = np.indices((len(tables[x]), len(table))).reshape(2, -1)
-            gap = clearance.between(fingers[x], centres[x][a], fingers[y], centres[y][b])
-            clear &= (gap >= CLEARANCE).reshape(len(tables[x]), len(table))[rows[:, x]]
-        if few:
-            row, column = np.nonzero(clear)
-        else:
-            # One clear hold each, long ones more often (weighted sampling; Efraimidis & Spirakis 2006).
-            weight = np.array([len(h.q) for h in table]) / max(len(h.q) for h in table)
-            row = np.flatnonzero(clear.any(axis=1))
-            column = np.where(clear, rng.random(clear.shape) ** (1 / weight), -1.0).argmax(axis=1)[row]
-        rows = np.column_stack([rows[row], column])
-    return np.unique(rows, axis=0)
-
-
-def _different(combos: np.ndarray, score: np.ndarray) -> list[int]:
-    """The best rows; no hold is in too many of them, lest all fail for the same reason."""
-    sizes = [len(np.unique(column)) for column in combos.T]
-    taken: list[int] = []
-    used: Counter[tuple[int, int]] = Counter()
-    for b in np.argsort(-score, kind="stable"):
-        holds = list(enumerate(combos[b].tolist()))
-        if not np.isfinite(score[b]) or len(taken) == GRASPS:
-            break
-        if all(used[x, j] <= 2 * GRASPS // sizes[x] for x, j in holds):
-            taken.append(int(b))
-            used.update(holds)
-    return taken
+def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:
+    """Poses (k + 1, 3, 4) along the nominal way, as far as grasps are looked ahead, and k >= 1."""
+    k = int(np.clip(np.ceil(moves.path.ticks / COARSE), 1, AHEAD))
+    s = np.minimum(COARSE * np.arange(k + 1), moves.path.ticks)
+    return moves.path.beside(s, np.zeros((k + 1, 6))), k

@@ -1,16 +1,17 @@
-"""Legs from search nodes: joint and object knots, modes, events and contact points of a whole path."""
+"""Legs from states: joint and object knots, modes, events and contact points of a whole path."""
 
 from __future__ import annotations
 
+import itertools
 from copy import copy
 
 import numpy as np
 
 from drake_hand.model.hand import Hand
+from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
-from drake_hand.planning.moves import Node
-from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.reach import Hold
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.state import State, Stroke
 from drake_hand.plans.path import Leg
 
 
@@ -90,17 +91,15 @@ class LegBuilder:
             q[:, self.hand.fingers[finger].columns] = way
         self._add(q, np.repeat(self.X_WO[None], n, axis=0), points or {})
 
-    def carry(self, holds: tuple[Hold, ...], X_WO: np.ndarray, first: int, last: int) -> None:
-        """The object moves from tick `first` to `last` of a path X_WO (K, 4, 4), held by `holds`."""
-        ticks = np.arange(first, last + 1)
-        X = X_WO[ticks]
-        q = np.repeat(self.q[None], len(ticks), axis=0)
+    def carry(self, clearance: Clearance, ways: dict[int, np.ndarray], X_WO: np.ndarray) -> None:
+        """The object moves along X_WO (k, 4, 4), held by fingers that go along joints (k, m), by index."""
+        q = np.repeat(self.q[None], len(X_WO), axis=0)
         points = {}
-        for h in holds:
-            a = ticks - h.birth
-            q[:, self.hand.fingers[h.finger].columns] = h.q[a]
-            points[h.finger] = np.einsum("kji,kj->ki", X[:, :3, :3], h.p_WP[a] - X[:, :3, 3])
-        self._add(q, X, points)
+        for i, way in ways.items():
+            q[:, self.hand.fingers[i].columns] = way
+            p_WC = clearance.kinematics[i].fk(way)[0]
+            points[i] = clearance.surface.closest(np.einsum("kji,kj->ki", X_WO[:, :3, :3], p_WC - X_WO[:, :3, 3]))[0]
+        self._add(q, X_WO, points)
 
     def _event(self, kind: str, finger: int) -> None:
         self._events.append(f"{kind} {self.hand.fingers[finger].name}")
@@ -116,28 +115,29 @@ class LegBuilder:
         self.q, self.X_WO = q[-1], X_WO[-1]
 
 
-def gait(builder: LegBuilder, path: ObjectPath, nodes: list[Node]) -> None:
-    """Appends what the search found: advance, lift one finger and set it down or slide it on, advance..."""
-    for i, node in enumerate(nodes):
-        if i:
-            _regrasp(builder, node, path.X_WO[node.tick])
-        until = nodes[i + 1].tick if i + 1 < len(nodes) else path.ticks
-        stops = [s for s in path.stops if node.tick < s < until]
-        for first, last in zip([node.tick, *stops], [*stops, until], strict=True):
-            if last > first:
-                builder.carry(node.holds, path.X_WO, first, last)
+def follow(builder: LegBuilder, moves: Moves, states: list[State]) -> None:
+    """Appends what a search found: strokes, and between them fingers that break and make contact."""
+    for before, after in itertools.pairwise(states):
+        move = after.move
+        if isinstance(move, Stroke):
+            X = np.tile(np.eye(4), (len(move.X), 1, 1))
+            X[:, :3] = move.X
+            held = np.flatnonzero(after.touching)
+            widths = {int(i): len(builder.hand.fingers[i].columns) for i in held}
+            builder.carry(moves.clearance, {i: move.q[:, i, :m] for i, m in widths.items()}, X)
+        else:
+            assert move is not None
+            _switch(builder, moves, before, after, move.finger)
 
 
-def _regrasp(builder: LegBuilder, node: Node, X_WO: np.ndarray) -> None:
-    finger = node.holds[node.slot].finger
-    if node.points is not None:
-        builder.slide(finger, node.ways[0], node.points)
-        return
-    builder.regrasps += 1
-    builder.dwell()
-    builder.break_(finger)
-    for way in node.ways:
+def _switch(builder: LegBuilder, moves: Moves, before: State, after: State, finger: int) -> None:
+    ways = moves.ways(before, after)
+    if before.touching[finger]:
+        builder.regrasps += bool(after.touching[finger])
+        builder.dwell()
+        builder.break_(finger)
+    for way in ways:
         builder.move({finger: way})
-    contact = node.holds[node.slot].at(node.tick)[1]
-    builder.make(finger, X_WO[:3, :3].T @ (contact - X_WO[:3, 3]))
-    builder.dwell()
+    if after.touching[finger]:
+        builder.make(finger, after.p_OP[finger])
+        builder.dwell()

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from drake_hand.planning.kernels.pose import poses_beside
 from drake_hand.plans.task import MoveTo, Pose, Rotate, Step
 
+MOVING = ("rotate", "translate", "move_to")
+"""Kinds of steps in which the object moves."""
 TICK_DEG = 2.5
 """Largest rotation between neighbouring samples ..."""
 TICK_M = 1.0e-3
@@ -49,6 +53,36 @@ class ObjectPath:
     def ticks(self) -> int:
         """Index of the last sample."""
         return len(self.X_WO) - 1
+
+    def next_stop(self, s: float) -> int:
+        """The first stop after progress s, ticks; the last one at the end."""
+        return next((stop for stop in self.stops if stop > s + 1e-9), self.ticks)
+
+    def beside(self, s: np.ndarray, off: np.ndarray) -> np.ndarray:
+        """Poses (..., 3, 4) at progress s (...) with offsets (..., 6) from the nominal way.
+
+        Args:
+            s: ticks, fractions included.
+            off: rotation vector (rad) and translation (m), both in W; the object turns about its own origin.
+        """
+        out = np.empty((*s.shape, 3, 4))
+        turn, shift = self._between
+        X = np.ascontiguousarray(self.X_WO[:, :3])
+        poses_beside(X, turn, shift, s.reshape(-1), np.ascontiguousarray(off.reshape(-1, 6)), out.reshape(-1, 3, 4))
+        return out
+
+    @cached_property
+    def _between(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation vectors and translations (K, 3) from each tick to the next; zero for a path that goes nowhere."""
+        if not self.ticks:
+            return np.zeros((1, 3)), np.zeros((1, 3))
+        R = self.X_WO[:, :3, :3]
+        return Rotation.from_matrix(R[1:] @ R[:-1].transpose(0, 2, 1)).as_rotvec(), np.diff(self.X_WO[:, :3, 3], axis=0)
+
+
+def still(X_WO: np.ndarray) -> ObjectPath:
+    """The path of an object that stays at X_WO (4, 4)."""
+    return ObjectPath(X_WO=X_WO[None], stops=(0,))
 
 
 def build(X_WO: np.ndarray, steps: list[Step], *, fineness: int = 1) -> ObjectPath:

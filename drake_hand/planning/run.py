@@ -1,4 +1,4 @@
-"""`Run`: one planning run, which follows a task's steps from a start pose."""
+"""`Run`: one planning run, which follows a task's steps from the start poses that are worth trying."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -14,38 +15,38 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning import approach, gait, grasp, steps
+from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic, Tally
-from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.legs import gait as gait_legs
-from drake_hand.planning.moves import Moves, Node
-from drake_hand.planning.object_path import ObjectPath, build, pose
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.kernels.world import World
+from drake_hand.planning.legs import LegBuilder, follow
+from drake_hand.planning.moves import Corridor, Moves
+from drake_hand.planning.object_path import MOVING, ObjectPath, build, pose, still
+from drake_hand.planning.park import park
+from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Progress, Search
-from drake_hand.planning.tables import Tables
+from drake_hand.planning.state import State, by_finger
+from drake_hand.planning.world import CORES, Grid, at_once, load, world
 from drake_hand.plans.path import Path
 from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
-QUICK = (28, 14)
-"""Strokes looked at when start poses are rated, ticks."""
-ENOUGH = 0.3
-"""Margin over that with which a gait's longer stroke counts for more, N."""
 FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
-GRASPS = 4
-"""Grasps that can be approached, handed to one search."""
-SETS = 2
-"""Sets of fingers tried of each size, where the task names none ..."""
-PATIENCE = 150
-"""... and nodes expanded for each but the last."""
+STARTS = 6
+"""Start poses searched from."""
+SLICE = 20
+"""States expanded before it is another search's turn."""
+GAITS = 3
+"""Start poses for which a periodic gait is looked for."""
+USABLE = 8
+"""Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Run:
     """One planning run; ask :func:`drake_hand.planning.planner.find_path`."""
 
@@ -54,12 +55,34 @@ class Run:
     object: Object
     scene: Scene
     clearance: Clearance
-    tables: Tables
+    world: World
+    grid: Grid
     progress: Callable[[Progress], None]
     started: float
     stages: dict[str, float] = field(default_factory=dict)
     tally: Tally = field(default_factory=Tally)
     expansions: int = 0
+
+    @classmethod
+    def of(cls, task: Task, progress: Callable[[Progress], None]) -> Run:
+        """A run that has not begun; loads the models."""
+        started = time.monotonic()
+        hand, object_ = Hand.load(task.hand), Object.load(task.object)
+        scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
+        clearance = Clearance(scene)
+        run = cls(
+            task=task,
+            hand=hand,
+            object=object_,
+            scene=scene,
+            clearance=clearance,
+            world=world(clearance, pivot=task.options.model == "pivot"),
+            grid=Grid.of(clearance),
+            progress=progress,
+            started=started,
+        )
+        run.stages["model"] = time.monotonic() - started
+        return run
 
     @contextmanager
     def stage(self, name: str):
@@ -76,24 +99,31 @@ class Run:
         """When time is up (monotonic clock)."""
         return self.started + self.task.options.time_limit_s
 
-    @property
-    def start(self) -> Pose:
-        """The task's start pose, which is known by now."""
-        assert isinstance(self.task.start, Pose), "auto is replaced before a run"
-        return self.task.start
-
     def plan(self) -> Path:
-        """Plans all steps."""
-        self.tables.clear()
-        builder = LegBuilder(self.hand, self.hand.q_home, pose(self.start))
-        if self.start.joints_deg:
-            steps.start_inside(builder, self.clearance, self.start.joints_deg, self.task.options.model)
-        builder = self._follow(builder, list(self.task.motion))
+        """Plans all steps.
+
+        Raises:
+            NoPlanFound: says of the start that got farthest what blocked it.
+        """
+        failures: list[NoPlanFound] = []
+        try:
+            for task, builder, rest in self._begun():
+                try:
+                    return self._path_of(task, self._follow(task, builder, rest))
+                except NoPlanFound as e:
+                    failures.append(e)
+                    if time.monotonic() > self.deadline:
+                        break
+        except NoPlanFound as e:
+            failures.append(e)
+        raise max(failures, key=lambda e: e.progress)
+
+    def _path_of(self, task: Task, builder: LegBuilder) -> Path:
         return Path(
             legs=tuple(builder.legs),
             hand=self.hand,
             object=self.object,
-            task=self.task,
+            task=task,
             stats={
                 "stages_s": self.stages,
                 "expansions": self.expansions,
@@ -102,196 +132,246 @@ class Run:
             },
         )
 
-    def _follow(self, builder: LegBuilder, todo: list[Step]) -> LegBuilder:
-        """Carries out the steps; where one fails, takes the grasp before it back and tries another."""
-        if not todo:
-            return self._with_forces(builder)
-        step, rest, model = todo[0], todo[1:], self.task.options.model
-        if step.grasp:
+    # -- the way through the steps
+
+    def _begun(self) -> Iterator[tuple[Task, LegBuilder, list[Step]]]:
+        """What the first steps lead to, from one start after another, and the steps that are left."""
+        first, *rest = self.task.motion
+        with self.stage("start"):
+            rng = np.random.default_rng(self.task.options.seed)
+            tasks = start.variants(self.task, self.clearance, self.world, self.grid, rng)
+        if first.grasp and not any(isinstance(t.start, Pose) and t.start.joints_deg for t in tasks):
             moving = moving_steps(rest)
-            failures: list[NoPlanFound] = []
-            for grasped in self._grasp(builder, step.grasp, self._path(builder.X_WO, moving)):
+            for task, builder in self._grasped(tasks, first.grasp, moving):
+                yield task, builder, rest[len(moving) :]
+            return
+        for task in tasks:
+            builder = self._builder(task)
+            if task.start.joints_deg:  # type: ignore[union-attr]
+                steps.start_inside(builder, self.clearance, task.start.joints_deg, task.options.model)  # type: ignore[union-attr]
+            yield task, builder, list(task.motion)
+
+    def _builder(self, task: Task) -> LegBuilder:
+        assert isinstance(task.start, Pose), "auto is replaced before"
+        return LegBuilder(self.hand, self.hand.q_home, pose(task.start))
+
+    def _follow(self, task: Task, builder: LegBuilder, todo: list[Step]) -> LegBuilder:
+        """Carries out the steps; where one fails, takes back the one before and tries another way."""
+        if not todo:
+            return self._with_forces(task, builder)
+        step, rest = todo[0], todo[1:]
+        moving = moving_steps(rest if step.grasp else todo)
+        ways: Iterator[LegBuilder]
+        if step.grasp and not builder.touching:
+            rest = rest[len(moving) :]
+            ways = (b for _, b in self._grasped([task], step.grasp, moving, builder))
+        elif step.grasp:
+            ways = self._carried(task, builder, still(builder.X_WO), step.grasp)
+        elif moving:
+            rest = todo[len(moving) :]
+            ways = self._carried(task, builder, self._path(builder.X_WO, moving), None)
+        else:
+            ways = iter([self._by_itself(task, builder.copy(), step)])
+        failures: list[NoPlanFound] = []
+        try:
+            for after in ways:
                 try:
-                    return self._follow(grasped, rest[len(moving) :])
+                    return self._follow(task, after, rest)
                 except NoPlanFound as e:
                     failures.append(e)
                     if time.monotonic() > self.deadline:
                         break
-            raise failures[0]
-        builder = builder.copy()
+        except NoPlanFound as e:
+            failures.append(e)
+        raise failures[0]
+
+    def _by_itself(self, task: Task, builder: LegBuilder, step: Step) -> LegBuilder:
+        """A step that needs no search."""
+        model = task.options.model
         if step.release:
             steps.release(builder, self.clearance)
         elif step.slide:
             finger, s = self.hand.finger(step.slide.finger).index, np.array(step.slide.by_mm) * 1e-3
-            steps.slide(builder, self.clearance, self._holding(), model, finger, s)
-        elif step.push:
-            path = self._path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
-            self.tables.check_palm(path)
-            steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
+            steps.slide(builder, self.clearance, self._holding(task), model, finger, s)
         else:
-            moving = moving_steps(todo)
-            self._carry(builder, self._path(builder.X_WO, moving))
-            rest = todo[len(moving) :]
-        return self._follow(builder, rest)
+            assert step.push is not None
+            path = self._path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
+            steps.push(builder, self.clearance, path, model, self.hand.finger(step.push.finger).index)
+        return builder
 
-    def _with_forces(self, builder: LegBuilder) -> LegBuilder:
+    def _with_forces(self, task: Task, builder: LegBuilder) -> LegBuilder:
         """With contact forces on all legs, where they are asked for."""
-        holding = self._holding()
+        holding = self._holding(task)
         if isinstance(holding, Equilibrium):
             builder = builder.copy()
             with self.stage("forces"):
-                gravity = np.asarray(self.task.physics.gravity)
+                gravity = np.asarray(task.physics.gravity)
                 builder.legs = add_forces(builder.legs, self.scene, gravity, holding)
         return builder
 
     def _path(self, X_WO: np.ndarray, moving: list[Step]) -> ObjectPath:
-        """The path of moving steps; finer for polyhedra, on which contacts move in jerks."""
+        """The nominal way of moving steps; finer for polyhedra, on which contacts move in jerks."""
+        if not moving:
+            return still(X_WO)
         polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
         return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
 
-    def rate(self) -> float:
-        """How promising the start is: the margin of the best gait or grasp found with little effort, else -inf."""
-        step, X_WO = self.task.motion[0], pose(self.start)
-        assert step.grasp is not None, "validated: auto begins with a grasp"
-        self.tables.clear()
-        path = self._path(X_WO, moving_steps(list(self.task.motion[1:])))
-        try:
-            fingers, q_parked, table = self.tables.taking_part(path, step.grasp.fingers)
-        except NoPlanFound:
-            return -np.inf
-        if len(fingers) < 2:
-            return -np.inf
-        holding, rng = self._holding(), np.random.default_rng(self.task.options.seed)
-        if self._periodic(table):
-            found = gait.find(table, fingers, holding, self._allowed, rng, enough=ENOUGH, strokes=QUICK, starts=3)
-            builder = LegBuilder(self.hand, q_parked, X_WO)
-            able = (g for g in found if approach.close(builder, self.clearance, list(g.holds)))
-            return next((g.margin for g in able), -np.inf)
-        search, builder = self._search(table, None), LegBuilder(self.hand, q_parked, X_WO)
-        roots = [holds for _, holds in grasp.select(table, fingers, holding, rng)]
-        best = sorted(((search.reaches(holds), k) for k, holds in enumerate(roots)), reverse=True)[:3]
-        carried = (reached for reached, k in best if approach.close(builder, self.clearance, roots[k]))
-        return next((reached / max(path.ticks, 1) for reached in carried), -np.inf)
+    # -- searches
 
-    def _periodic(self, table: ReachTable) -> bool:
-        """Whether the path turns a symmetric object far enough for a periodic gait."""
-        return table.symmetric and table.path.ticks > max(gait.STROKES)
-
-    def _grasp(self, builder: LegBuilder, wanted: Grasp, path: ObjectPath) -> Iterator[LegBuilder]:
-        """Ways to grasp the object and move it along the path; sets of fingers in turn where none are named."""
-        failures: list[NoPlanFound] = []
-        sets = [wanted.fingers] if wanted.fingers else self._sets(path)
-        found = False
-        for last, names in zip([*[False] * (len(sets) - 1), True], sets, strict=True):
-            try:
-                for grasped in self._grasp_with(builder, names, path, None if last else PATIENCE):
-                    found = True
-                    yield grasped
-            except NoPlanFound as e:
-                failures.append(e)
-                if time.monotonic() > self.deadline:
-                    break
-        if not found:
-            raise max(failures, key=lambda e: e.progress)
-
-    def _sets(self, path: ObjectPath) -> list[list[str]]:
-        """Sets of fingers worth trying: without forces as few as let one be lifted first, else as many as can."""
-        with self.stage("reach"):
-            able, _, table = self.tables.taking_part(path, None)
-        least = min(len(able), max(self.task.options.min_contacts + 1, 2))
-        few_first = self.task.options.hold == "kinematic"
-        sets: list[tuple[int, ...]] = []
-        for size in sorted(range(least, len(able) + 1), reverse=not few_first):
-            allowed = (s for s in itertools.combinations(able, size) if self._allowed(frozenset(s)))
-            sets += sorted(allowed, key=lambda s: -sum(table.longest(i) for i in s))[:SETS]
-        return [[self.hand.fingers[i].name for i in s] for s in sets or [tuple(able)]]
-
-    def _grasp_with(
-        self, start: LegBuilder, names: list[str], path: ObjectPath, patience: int | None
-    ) -> Iterator[LegBuilder]:
-        """Ways to grasp and move the object with given fingers, each from another grasp.
+    def _grasped(
+        self, tasks: list[Task], wanted: Grasp, moving: list[Step], begun: LegBuilder | None = None
+    ) -> Iterator[tuple[Task, LegBuilder]]:
+        """Grasps of the object and moves it, from one of several starts; ever other ways.
 
         Raises:
             NoPlanFound: there is none, or no further one.
         """
-        waiting = start.copy()
-        with self.stage("reach"):
-            fingers, q_parked, table = self.tables.taking_part(path, names)
-            steps.settle(waiting, self.clearance, q_parked)
-        search = self._search(table, patience)
-
-        def built(nodes: list[Node]) -> LegBuilder:
-            builder = waiting.copy()
-            with self.stage("legs"):
-                closed = approach.close(builder, self.clearance, list(nodes[0].holds))
-                assert closed, "grasps handed to the search can be approached"
-                builder.dwell()
-                gait_legs(builder, path, nodes)
-            return builder
-
-        nodes = self._gait(waiting, search, fingers)
-        self.expansions += search.expansions
-        if nodes is not None:
-            yield built(nodes)
         failures: list[NoPlanFound] = []
-        for roots in self._grasps(waiting, search, fingers):
+        open_: list[tuple[Task, LegBuilder, Search]] = []
+        for k, task in enumerate(tasks):
+            builder = begun.copy() if begun else self._builder(task)
             try:
-                while roots:
-                    nodes = self._found(search, roots)
-                    yield built(nodes)
-                    roots = [holds for holds in roots if tuple(holds) != nodes[0].holds]
+                with self.stage("grasp"):
+                    open_.append((task, builder, self._first_search(task, builder, wanted, moving)))
             except NoPlanFound as e:
                 failures.append(e)
-                if e.status == "timeout":
-                    break
-        if failures:
-            raise max(failures, key=lambda e: e.progress)
+            self.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
+            if time.monotonic() > self.deadline:
+                break
+        open_.sort(key=lambda x: -x[2].farthest.score)  # type: ignore[union-attr]
+        for task, builder, search in open_[:GAITS]:
+            end = self._gait(task, builder, search)
+            if end is not None:
+                yield task, self._built(builder, search.moves, end)
+        yield from self._in_turn(open_[:STARTS], failures)
 
-    def _carry(self, builder: LegBuilder, path: ObjectPath) -> None:
-        """Moves the object along the path with the fingers that touch it now."""
-        with self.stage("reach"):
-            self.tables.check_palm(path)
-            free = [i for i in range(len(self.hand.fingers)) if i not in builder.touching]
-            q_parked = approach.park(self.clearance, path, free, builder.q, builder.touching)
-            steps.settle(builder, self.clearance, q_parked)
-            search = self._search(self.tables.beside(path, builder.q, free), None)
-            holds = steps.current_holds(builder, search.moves.reach)
-        gait_legs(builder, path, self._found(search, [holds]))
-
-    def _found(self, search: Search, roots: list[list[Hold]]) -> list[Node]:
-        before = search.expansions
-        with self.stage("search"):
-            try:
-                return search.run(roots)
-            finally:
-                self.expansions += search.expansions - before
-
-    def _gait(self, builder: LegBuilder, search: Search, fingers: list[int]) -> list[Node] | None:
-        """A periodic gait, where the path turns a symmetric object far enough for one."""
-        if not self._periodic(search.moves.reach):
-            return None
-        with self.stage("gait"):
-            rng = np.random.default_rng(self.task.options.seed)
-            found = gait.find(search.moves.reach, fingers, search.moves.holding, self._allowed, rng, enough=ENOUGH)
-            for candidate in found:
-                if approach.close(builder.copy(), self.clearance, list(candidate.holds)):
-                    nodes = search.periodic(candidate)
-                    if nodes is not None:
-                        return nodes
-        return None
-
-    def _search(self, table: ReachTable, patience: int | None) -> Search:
-        return Search(
-            moves=Moves(reach=table, holding=self._holding(), allowed=self._allowed),
-            deadline=self.deadline,
-            patience=patience,
+    def _first_search(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> Search:
+        """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
+        path = self._path(builder.X_WO, moving)
+        named = [self.hand.finger(name).index for name in wanted.fingers or ()]
+        steps.settle(builder, self.clearance, park(self.clearance, still(builder.X_WO), range(len(self.hand.fingers))))
+        moves = self._moves(task, path, frozenset(named or range(len(self.hand.fingers))))
+        q = by_finger(self.hand, builder.q)
+        roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
+        search = Search(
+            moves=moves,
+            able=lambda root: self._closed(builder.copy(), root),
             progress=self.progress,
         )
+        search.add(roots)
+        return search
 
-    def _holding(self) -> Holding:
-        if self.task.options.hold == "kinematic":
-            return Kinematic(self.task.options.min_contacts)
-        physics = self.task.physics
+    def _closed(self, builder: LegBuilder, root: State) -> bool:
+        """Closes the fingers on a grasp, if that can be done without a collision."""
+        contacts = {}
+        for i in np.flatnonzero(root.touching).tolist():
+            q = root.q[i, : len(self.hand.fingers[i].columns)]
+            contacts[i] = approach.Contact(q=q, n_W=root.n_W[i], p_OP=root.p_OP[i])
+        return approach.close(builder, self.clearance, contacts)
+
+    def _carried(self, task: Task, builder: LegBuilder, path: ObjectPath, wanted: Grasp | None) -> Iterator[LegBuilder]:
+        """Moves the object with the fingers that hold it, or hands it over to others; ever other ways.
+
+        Raises:
+            NoPlanFound: there is none, or no further one.
+        """
+        named = None
+        if wanted is not None:
+            named = frozenset(self.hand.finger(name).index for name in wanted.fingers or ()) or None
+        usable = self._usable(task) | frozenset(builder.touching)
+        moves = self._moves(task, path, usable | (named or frozenset()))
+        touching = np.zeros(len(self.hand.fingers), dtype=bool)
+        touching[list(builder.touching)] = True
+        root = State(
+            s=0.0,
+            off=np.zeros(6),
+            X=np.ascontiguousarray(builder.X_WO[:3]),
+            q=by_finger(self.hand, builder.q),
+            touching=touching,
+        )
+        moves.evaluate([root])
+        if root.margins[-1] < 0:
+            what = f"the fingers that touch do not hold the object (short of {-root.margins[-1]:.2g} N)"
+            raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
+        search = Search(moves=moves, wanted=named, progress=self.progress)
+        search.add([root])
+        for _, after in self._in_turn([(task, builder, search)], []):
+            yield after
+
+    def _usable(self, task: Task) -> frozenset[int]:
+        """The fingers that any grasp of the task may use."""
+        grasps = [step.grasp for step in task.motion if step.grasp]
+        if not grasps or any(g.fingers is None for g in grasps):
+            return frozenset(range(len(self.hand.fingers)))
+        return frozenset(self.hand.finger(name).index for g in grasps for name in g.fingers or ())
+
+    def _in_turn(
+        self, open_: list[tuple[Task, LegBuilder, Search]], failures: list[NoPlanFound]
+    ) -> Iterator[tuple[Task, LegBuilder]]:
+        """Ways that some searches find, each given the more effort the farther it got."""
+        found = False
+        while open_:
+            live = [x for x in open_ if not x[2].exhausted]
+            if not live or time.monotonic() > self.deadline:
+                break
+            live.sort(key=lambda x: (x[2].expansions + 1) / (0.1 + x[2].fraction) ** 4)
+            before = sum(x[2].expansions for x in open_)
+            with self.stage("search"):
+                ends = at_once([partial(x[2].run, SLICE, self.deadline) for x in live[:CORES]])
+            self.expansions += sum(x[2].expansions for x in open_) - before
+            for (task, builder, search), end in zip(live, ends, strict=False):
+                if end is not None:
+                    found = True
+                    yield task, self._built(builder, search.moves, end)
+        late = time.monotonic() > self.deadline
+        failures += [x[2].failure("timeout" if late else "infeasible") for x in open_]
+        if not found or late:
+            raise max(failures, key=lambda e: e.progress)
+
+    def _gait(self, task: Task, builder: LegBuilder, search: Search) -> State | None:
+        """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
+        moves = search.moves
+        if moves.path.axis_W is None or moves.path.ticks <= max(gait.STROKES):
+            return None
+        with self.stage("gait"):
+            q = by_finger(self.hand, builder.q)
+            table = ReachTable(self.clearance, moves.path, task.options.model)
+            if not table.symmetric:
+                return None
+            fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]
+            return gait.propose(table, fingers, moves, self._holding(task), q, search.able)
+
+    def _built(self, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
+        builder, chain = builder.copy(), end.chain
+        with self.stage("legs"):
+            if not builder.touching:
+                closed = self._closed(builder, chain[0])
+                assert closed, "roots are asked before they are expanded"
+                builder.dwell()
+            moves.evaluate([x for x in chain if not len(x.n_W)])
+            follow(builder, moves, chain)
+        return builder
+
+    def _moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
+        corridor = task.options.corridor
+        return Moves(
+            clearance=self.clearance,
+            world=self.world,
+            load=load(self._holding(task), task.options.min_contacts),
+            grid=self.grid,
+            path=path,
+            corridor=Corridor(rad=0.0, m=0.0)
+            if corridor == "none"
+            else Corridor(rad=np.radians(corridor.deg), m=corridor.mm * 1e-3),
+            fingers=fingers,
+            allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
+            rng=np.random.default_rng(task.options.seed),
+        )
+
+    def _holding(self, task: Task) -> Holding:
+        if task.options.hold == "kinematic":
+            return Kinematic(task.options.min_contacts)
+        physics = task.physics
         return Equilibrium(
             self.hand,
             gravity=np.asarray(physics.gravity),
@@ -301,48 +381,7 @@ class Run:
             tally=self.tally,
         )
 
-    def _allowed(self, touching: frozenset[int], sliding: frozenset[int] = frozenset()) -> bool:
-        modes = self.task.options.modes
-        return modes is None or code(self.hand, touching, sliding) in modes
-
-    def _grasps(self, builder: LegBuilder, search: Search, fingers: list[int]) -> Iterator[list[list[Hold]]]:
-        """Sets of contacts that can be approached, a few at a time.
-
-        In turn one of those that carry the object farthest and one of those from which most fingers can be lifted.
-        """
-        table, rng, X = search.moves.reach, np.random.default_rng(self.task.options.seed), builder.X_WO
-        mode = code(self.hand, fingers)
-        for i in fingers:
-            if not table.longest(i):
-                name, word = self.hand.fingers[i].name, table.most_common_limit(i, 0)
-                counts = table.limits[i, 0]
-                what = f"finger {name} can make none of {sum(counts.values())} contacts ({word}: {counts[word]})"
-                raise no_plan(what, mode=mode, finger=name, constraint=word, X_WO=X)
-        if not self._allowed(frozenset(fingers)):
-            raise no_plan("a grasp needs a mode that options.modes leaves out", mode=mode, constraint="modes", X_WO=X)
-        with self.stage("grasp"):
-            roots = [holds for _, holds in grasp.select(table, fingers, search.moves.holding, rng)]
-            reached = [search.reaches(holds) for holds in roots]
-        farthest = sorted(range(len(roots)), key=lambda k: -reached[k])
-        order = dict.fromkeys(itertools.chain.from_iterable(zip(farthest, range(len(roots)), strict=True)))
-        able: list[list[Hold]] = []
-        found = False
-        for k in order:
-            with self.stage("grasp"):
-                if approach.close(builder.copy(), self.clearance, roots[k]):
-                    able.append(roots[k])
-            if len(able) == GRASPS:
-                yield able
-                found, able = True, []
-        if able:
-            yield able
-        elif not found:
-            none = "none of the sets of contacts tried"
-            if roots:
-                raise no_plan(f"{none} can be approached without a collision", mode=mode, constraint="approach", X_WO=X)
-            raise no_plan(f"{none} holds the object clear of collisions", mode=mode, constraint="hold", X_WO=X)
-
 
 def moving_steps(steps: list[Step]) -> list[Step]:
     """The leading steps that move the object in one go."""
-    return list(itertools.takewhile(lambda s: s.kind in ("rotate", "translate", "move_to"), steps))
+    return list(itertools.takewhile(lambda s: s.kind in MOVING, steps))

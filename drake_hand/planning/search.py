@@ -1,30 +1,43 @@
-"""Search over the hybrid automaton for the sequence of regrasps that carries the object along its path.
+"""Search over the hybrid automaton: best-first over states, in bins of progress.
 
-A node is (tick, holds): the mode and its contacts. Edges are the moves of `moves.py`: advance in this mode, then set
-one finger down elsewhere while the others hold. Weighted A* on the number of regrasps; nodes, holds and transits are
-made lazily. On a symmetric object a state that comes back closes a periodic gait, which is then repeated instead of
-searched.
+A state is expanded by strokes, which carry the object on, and by switches of the fingers that have least room left.
+States are kept in bins of progress, and the next one is mostly taken from the farthest bins, so that no dead end holds
+the search up; within a bin the best score goes first, lowered each time a state much like it was tried.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import time
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.gait import Gait
-from drake_hand.planning.moves import Limits, Moves, Node, chain
-from drake_hand.planning.reach import Hold
+from drake_hand.planning.moves import Moves, offset_ticks
+from drake_hand.planning.state import State
 
-WEIGHT = 1.5
-"""Of the heuristic: above 1 goes for the end sooner at the price of at most that many times the regrasps."""
+BIN = 2.0
+"""Ticks of progress that share a bin."""
+FARTHEST = 0.35
+"""Chance that a state is taken from the farthest bin, then from the next, and so on ..."""
+ANYWHERE = 0.1
+"""... and that it is taken from any."""
+TIRED = 0.15
+"""By how much a score is lowered each time a state of its niche was expanded."""
+CELL = 0.012
+"""States whose contacts are as near as this share a niche, m."""
+CROWD, SPARED = 300, 200
+"""A bin that has more states than the first keeps as many as the second."""
+SWITCHED = 2
+"""Fingers whose switches are worked out in one expansion."""
+RETREAT = 0.2
+"""Chance that a finger is asked to wait elsewhere."""
+UNWANTED = 6.0
+"""Ticks that a finger costs which has still to make or break contact at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,154 +48,173 @@ class Progress:
     fraction: float = 0.0
     expansions: int = 0
     best_bound: float = 0.0
-    """Regrasps the plan will need at least, as far as is known."""
+    """Regrasps behind the state that got farthest."""
     elapsed_s: float = 0.0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Search:
-    """One search; see the module."""
+    """One search; goes on where it was when asked again."""
 
     moves: Moves
-    deadline: float
-    """When to give up (monotonic clock) ..."""
-    patience: int | None = None
-    """... or after how many expansions."""
+    wanted: frozenset[int] | None = None
+    """Fingers that are to touch in the end, no others; any that hold the object if not given."""
+    able: Callable[[State], bool] = lambda root: True
+    """Whether the hand can get to a root; asked before the first is expanded."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
+    farthest: State | None = None
+    _bins: dict[int, list[State]] = field(default_factory=dict)
+    _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
+    _able: dict[int, tuple[State, bool]] = field(default_factory=dict)
+    _started: float = field(default_factory=time.monotonic)
 
-    def run(self, roots: list[list[Hold]]) -> list[Node]:
-        """Finds the nodes from a root to the end of the path.
+    def add(self, states: list[State]) -> None:
+        """Takes states in, roots or what follows from others."""
+        for x in states:
+            x.progress = self._progress(x)
+            if self.farthest is None or x.progress > self.farthest.progress + 1e-9:
+                self.farthest = x
+            b = int(x.progress // BIN)
+            x.niche = (b, *self._cells(x))
+            states_there = self._bins.setdefault(b, [])
+            states_there.append(x)
+            if len(states_there) > CROWD:
+                states_there.sort(key=lambda x: -self._rank(x))
+                del states_there[SPARED:]
 
-        Args:
-            roots: grasps at tick 0.
+    def run(self, budget: int, deadline: float) -> State | None:
+        """Expands so many states, or until time is up (monotonic clock) or nothing is left.
 
         Returns:
-            The nodes in order, a regrasp from each to the next.
-
-        Raises:
-            NoPlanFound: nothing left to try (``infeasible``) or out of time (``timeout``).
+            A state at the goal, taken out so that asking again gives another; None where none was found.
         """
-        goal, started, tie = self.moves.goal, time.monotonic(), itertools.count()
-        heap: list[tuple[float, int, int, Node]] = []
-        for holds in roots:
-            node = Node(tick=0, holds=tuple(holds))
-            heapq.heappush(heap, (WEIGHT * self._to_go(node.holds), 0, next(tie), node))
-        closed: set[tuple] = set()
-        first = Node(tick=0, holds=tuple(roots[0]))
-        nowhere = np.zeros((len(roots[0]), 0), dtype=bool)
-        farthest = (-1, first, Limits(last=-1, liftable=nowhere, why="time limit"))
-        while heap:
-            f, _, _, node = heapq.heappop(heap)
-            key = (node.tick, *((h.table, h.birth) for h in node.holds))
-            if key in closed:
+        rng, goal = self.moves.rng, self.moves.path.ticks
+        last = self.expansions + budget
+        while self.expansions < last and self._bins and time.monotonic() < deadline:
+            bins = sorted(self._bins, reverse=True)
+            k = min(int(rng.geometric(FARTHEST)) - 1, len(bins) - 1)
+            if rng.random() < ANYWHERE:
+                k = int(rng.integers(len(bins)))
+            states = self._bins[bins[k]]
+            state = max(states, key=self._rank)
+            if not self._founded(state):
+                states.remove(state)
+                if not states:
+                    del self._bins[bins[k]]
                 continue
-            closed.add(key)
-            if time.monotonic() > self.deadline:
-                raise self._failure("timeout", "out of time", farthest)
-            if self.patience is not None and self.expansions >= self.patience:
-                raise self._failure("timeout", f"gave up after {self.patience} nodes", farthest)
-            if node.parent is not None and node.points is None:
-                ways = self.moves.transit(node)
-                if ways is None:
-                    continue
-                node = replace(node, ways=ways)
-            limits = self.moves.limits(node)
+            self._tried[state.niche] += 1
             self.expansions += 1
-            if limits.last > farthest[0]:
-                farthest = (limits.last, node, limits)
-            self.progress(
-                Progress(
-                    stage="search",
-                    fraction=max(farthest[0], 0) / max(goal, 1),
-                    expansions=self.expansions,
-                    best_bound=f / WEIGHT,
-                    elapsed_s=time.monotonic() - started,
-                )
+            children = self._children(state) + (self._first() if self.expansions == 1 else [])
+            done = [x for x in children if self._progress(x) >= goal - 1e-9 and self._founded(x)]
+            self.add(children)
+            self._tell()
+            if done:
+                best = min(done, key=lambda x: x.regrasps)
+                self._bins[int(best.progress // BIN)].remove(best)
+                return best
+        return None
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether there is nothing left to expand."""
+        return not self._bins
+
+    @property
+    def fraction(self) -> float:
+        """Share of the motion that was reached."""
+        return 0.0 if self.farthest is None else self._share(self.farthest)
+
+    def _children(self, state: State) -> list[State]:
+        rng = self.moves.rng
+        children = self.moves.strokes(state)
+        self.moves.evaluate(children)
+        urge = np.where(state.touching, state.room, 0.5) + rng.uniform(0, 0.5, len(state.touching))
+        urge[[f not in self.moves.fingers for f in range(len(urge))]] = np.inf
+        for f in self.wanted or ():
+            urge[f] -= 0.0 if state.touching[f] else 1.0
+        able = (state.margins[:-1] >= 0) | ~state.touching
+        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])][:SWITCHED]
+        for f in fingers:
+            children += self.moves.switches(state, f)
+        unwanted = [] if self.wanted is None else [f for f in np.flatnonzero(state.touching) if f not in self.wanted]
+        if unwanted:
+            children += self.moves.retreats(state, int(rng.choice(unwanted)))
+        elif rng.random() < RETREAT:
+            children += self.moves.retreats(state, int(rng.integers(len(state.touching))))
+        return children
+
+    def _first(self) -> list[State]:
+        """Where the roots get to along the nominal way."""
+        reached = self.moves.onward([x for states in self._bins.values() for x in states if x.parent is None])
+        self.moves.evaluate(reached)
+        return reached
+
+    def _founded(self, x: State) -> bool:
+        """Whether the hand can get to the root of a state."""
+        root = x.chain[0]
+        if id(root) not in self._able:
+            self._able[id(root)] = root, self.able(root)
+        return self._able[id(root)][1]
+
+    def _progress(self, x: State) -> float:
+        path = self.moves.path
+        stop = path.next_stop(x.s)
+        progress = stop - max(stop - x.s, float(offset_ticks(x.off)))
+        if self.wanted is not None:
+            progress -= UNWANTED * sum(bool(on) != (f in self.wanted) for f, on in enumerate(x.touching))
+        return progress
+
+    def _share(self, x: State) -> float:
+        ticks = self.moves.path.ticks
+        return float(np.clip(x.progress / ticks, 0.0, 1.0)) if ticks else float(x.progress >= 0)
+
+    def _rank(self, x: State) -> float:
+        return x.score - TIRED * self._tried[x.niche]
+
+    def _cells(self, x: State) -> list[int]:
+        """Where the fingers touch, coarsely."""
+        cells: list[int] = []
+        for f, on in enumerate(x.touching):
+            cells += np.round(x.p_OP[f] / CELL).astype(int).tolist() if on else [999]
+        return cells
+
+    def _tell(self) -> None:
+        best = self.farthest
+        self.progress(
+            Progress(
+                stage="search",
+                fraction=self.fraction,
+                expansions=self.expansions,
+                best_bound=0.0 if best is None else best.regrasps,
+                elapsed_s=time.monotonic() - self._started,
             )
-            if limits.last >= goal:
-                return chain(node)
-            if self.moves.reach.symmetric:
-                repeated = self._repeat(node)
-                if repeated is not None:
-                    return repeated
-            for child, bonus in self.moves.children(node, limits):
-                rank = child.g + WEIGHT * self._to_go(child.holds) + bonus
-                heapq.heappush(heap, (rank, -child.tick, next(tie), child))
-        raise self._failure("infeasible", "nothing left to try", farthest)
+        )
 
-    def _to_go(self, holds: tuple[Hold, ...]) -> float:
-        """Regrasps still needed: every finger has to be set down again until it lasts to the end."""
-        return sum(map(self.moves.regrasps_left, holds))
-
-    def reaches(self, holds: list[Hold]) -> int:
-        """Tick up to which a grasp at tick 0 carries the object without a regrasp."""
-        return self.moves.limits(Node(tick=0, holds=tuple(holds))).last
-
-    def periodic(self, gait: Gait) -> list[Node] | None:
-        """The nodes of a periodic gait up to the goal, if its advance and its transits are clear and hold throughout.
-
-        Args:
-            gait: of a symmetric object.
-        """
-        goal = self.moves.goal
-        node = Node(tick=0, holds=gait.holds)
-        if self.moves.limits(node).last < min(gait.stroke, goal):
-            return None
-        if gait.stroke >= goal:
-            return [node]
-        for slot in gait.order:
-            holds = list(node.holds)
-            holds[slot] = replace(holds[slot], birth=gait.stroke)
-            child = Node(tick=gait.stroke, holds=tuple(holds), g=node.g + 1, parent=node, slot=slot)
-            ways = self.moves.transit(child)
-            if ways is None or self.moves.limits(child).last < gait.stroke:
-                return None
-            node = replace(child, ways=ways)
-            self.expansions += 1
-        return self._repeat(node)
-
-    def _repeat(self, node: Node) -> list[Node] | None:
-        """If this configuration occurred before, the periodic gait from there on, up to the goal."""
-        walk = node.parent
-        while walk is not None and not (walk.tick < node.tick and walk.signature == node.signature):
-            walk = walk.parent
-        if walk is None:
-            return None
-        nodes = chain(node)
-        period, cycle = node.tick - walk.tick, nodes[nodes.index(walk) + 1 :]
-        at, turn = node, 1
-        while True:
-            for step in cycle:
-                tick = step.tick + turn * period
-                if min(h.end for h in at.holds) >= self.moves.goal or tick >= self.moves.goal:
-                    return nodes
-                holds = tuple(replace(h, birth=h.birth + turn * period) for h in step.holds)
-                at = Node(
-                    tick=tick, holds=holds, g=at.g + 1, parent=at, slot=step.slot, ways=step.ways, points=step.points
-                )
-                nodes.append(at)
-            turn += 1
-
-    def _failure(
-        self, status: Literal["infeasible", "timeout"], what: str, farthest: tuple[int, Node, Limits]
-    ) -> NoPlanFound:
-        last, node, limits = farthest
-        hand, path = self.moves.reach.clearance.hand, self.moves.reach.path
-        tick = min(max(last, 0), path.ticks)
-        finger = self.moves.name(node.holds[limits.slot]) if limits.slot is not None else None
-        reason = f"{what} at {100 * tick / max(path.ticks, 1):.0f} % of the motion"
-        if limits.liftable.size:
-            blocked = [self.moves.name(h) for s, h in enumerate(node.holds) if not limits.liftable[s].any()]
-            reason += f": finger {finger} ends at its {limits.why}" if finger else f": {limits.why}"
-            reason += f"; {', '.join(blocked)} cannot be lifted while the rest hold" if blocked else ""
+    def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:
+        """Why there is no plan: the state that got farthest, and what each of its fingers is short of."""
+        hand, x = self.moves.clearance.hand, self.farthest
+        assert x is not None, "a search has roots"
+        names = [f.name for f in hand.fingers]
+        touching = [f for f, on in enumerate(x.touching) if on]
+        short = [f for f in touching if x.room[f] < 0.25]
+        kept = [f for f in touching if x.margins[f] < 0]
+        reason = f"{'out of time' if status == 'timeout' else 'nothing left to try'}"
+        reason += f" at {100 * self._share(x):.0f} % of the motion"
+        if short:
+            reason += f": {', '.join(names[f] for f in short)} near the end of what the finger can reach"
+        if kept:
+            least = min(float(x.margins[f]) for f in kept)
+            reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
+            reason += f" (short of {-least:.2f} N)" if least > -10 else ""
+        blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
         return no_plan(
             reason,
             status=status,
-            mode=code(hand, (h.finger for h in node.holds)),
-            finger=finger,
-            constraint=limits.why,
-            X_WO=path.X_WO[tick],
-            progress=tick / max(path.ticks, 1),
+            mode=code(hand, touching),
+            finger=names[blamed],
+            constraint="balance" if blamed in kept else "reach",
+            X_WO=np.vstack([x.X, [0.0, 0.0, 0.0, 1.0]]),
+            progress=self._share(x),
             expansions=self.expansions,
         )

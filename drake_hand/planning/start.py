@@ -3,50 +3,56 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 
 import msgspec
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.object_path import as_pose
+from drake_hand.planning.kernels import clear, transit
+from drake_hand.planning.kernels.world import World
+from drake_hand.planning.object_path import MOVING, as_pose, build, pose
+from drake_hand.planning.world import Grid
 from drake_hand.plans.task import Task
 
-DRAWN = 1500
+DRAWN = 400
 """Poses drawn before the first, coarse choice."""
-RATED = 12
-"""Poses rated with reach tables."""
+RATED = 16
+"""Of those, poses from which grasps are looked for."""
+_SPACING, _PROBES = 8.0e-3, 80
+"""Surface points whose reach is looked at: how far apart they are, m, and how many."""
+_ALONG = 9
+"""Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
 _HALF_BREADTH = 0.05
 """Of the part of a long object that lies across the fingers, m."""
 _SIDES = 0.3
 """Share of the object's sides that a finger has to reach to be of use."""
-_NEAR = 4.0e-3
-"""A contact this near one of many random postures of a finger counts as reached, m."""
 PALMS = ((-9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0))
 """Gravity in W for the palm up, the thumb up, the fingers up and the palm down, m/s^2."""
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
 
-def variants(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[Task]:
-    """The task with every ``auto`` replaced, the most promising first; `RATED` start poses at the most.
+def variants(task: Task, clearance: Clearance, world: World, grid: Grid, rng: np.random.Generator) -> list[Task]:
+    """The task with every ``auto`` replaced, the most promising first.
 
     Where both start and palm are free the palms take turns.
     """
     palms = [task.physics.gravity]
     if palms == ["auto"]:
         palms = list(PALMS) if task.options.hold == "equilibrium" else [(0.0, 0.0, -9.81)]
-    starts = [as_pose(X) for X in poses(task, clearance, rng)] if task.start == "auto" else [task.start]
-    few = len(starts) == 1
-    for start, palm in itertools.product(starts, palms) if few else zip(starts, itertools.cycle(palms), strict=False):
-        physics = msgspec.structs.replace(task.physics, gravity=palm)
-        yield msgspec.structs.replace(task, start=start, physics=physics)
+    starts = [task.start]
+    if task.start == "auto":
+        starts = [as_pose(X) for X in poses(task, clearance, world, grid, rng)]
+    pairs = zip(starts, itertools.cycle(palms), strict=False) if len(starts) > 1 else itertools.product(starts, palms)
+    return [
+        msgspec.structs.replace(task, start=start, physics=msgspec.structs.replace(task.physics, gravity=palm))
+        for start, palm in pairs
+    ]
 
 
-def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Poses X_WO (4, 4) the most promising first: where most fingers reach several sides of the object, and much of it.
+def poses(task: Task, clearance: Clearance, world: World, grid: Grid, rng: np.random.Generator) -> list[np.ndarray]:
+    """Poses X_WO (4, 4), the most promising first: where most fingers reach several sides of it.
 
     The object's long axis lies along the line of the finger bases, as a pencil lies across the fingers, give or take
     30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through its own
@@ -55,25 +61,35 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
     Args:
         task: what is asked.
         clearance: of the scene.
+        world: likewise.
+        grid: likewise.
         rng: for sampling.
     """
     surface = clearance.surface
+    moving = list(itertools.takewhile(lambda s: s.kind in MOVING, task.motion[1:]))
     tips = [
-        kin.fk(kin.lower + rng.random((3000, len(kin.lower))) * (kin.upper - kin.lower))[0]
+        kin.fk(kin.lower + rng.random((1000, len(kin.lower))) * (kin.upper - kin.lower))[0]
         for kin in clearance.kinematics
     ]
-    trees = [cKDTree(t) for t in tips]
-    everything = np.concatenate(tips)
-    low, high = np.percentile(everything, [5, 95], axis=0)
+    low, high = np.percentile(np.concatenate(tips), [5, 95], axis=0)
     axis = _base_line(clearance)
     turned = next((s.rotate for s in task.motion if s.rotate), None)
     given = None
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-    samples, normals = surface.sample(8e-3)
-    near = np.abs((samples - surface.centre) @ surface.long_axis) < _HALF_BREADTH
-    samples, normals = samples[near], normals[near]
+        if not surface.symmetric_about(surface.long_axis, surface.centre):
+            given = None
+    points, normals = surface.sample(_SPACING)
+    near = np.abs((points - surface.centre) @ surface.long_axis) < _ALONG = 9
+"""Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
+_HALF_BREADTH
+    points, normals = points[near], normals[near]
+    pick = rng.permutation(len(points))[:_PROBES]
+    points, normals = np.ascontiguousarray(points[pick]), np.ascontiguousarray(normals[pick])
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
+    m = world.chains.lower.shape[1]
+    q, p_WP, n_W = np.zeros((len(points), m)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    reached = np.zeros(len(points), dtype=bool)
     found = []
     for k in range(DRAWN):
         along = given if given is not None and k % 2 == 0 else _lean(axis, rng)
@@ -81,13 +97,21 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
         about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
         X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
         X[:3, 3] = rng.uniform(low, high) - X[:3, :3] @ surface.centre
-        C_W = [(samples + f.radius * normals) @ X[:3, :3].T + X[:3, 3] for f in clearance.hand.fingers]
-        reached = [tree.query(C)[0] < _NEAR for tree, C in zip(trees, C_W, strict=True)]
-        able = [len(np.unique(side[r])) >= _SIDES * len(sides) for r in reached]
-        found.append((sum(able) + sum(float(r.mean()) for r in reached), X))
+        X = pose(as_pose(X))
+        way = build(X, moving).X_WO if moving else X[None]
+        way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _ALONG).astype(int), :3])
+        if not all(clear.object_off_palm(world, rows, world.clearance) for rows in way):
+            continue
+        least = np.inf
+        for rows in way[:: (_ALONG - 1) // 2]:
+            value = 0.0
+            for f, seeds in enumerate(grid.seeds):
+                transit.contacts(world, f, seeds, points, normals, rows, q, p_WP, n_W, reached)
+                value += float(reached.mean()) + (len(np.unique(side[reached])) >= _SIDES * len(sides))
+            least = min(least, value)
+        found.append((least, X))
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
-    for k in order[:RATED]:
-        yield found[k][1]
+    return [found[k][1] for k in order[:RATED]]
 
 
 def _base_line(clearance: Clearance) -> np.ndarray:

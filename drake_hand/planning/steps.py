@@ -12,7 +12,8 @@ from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.grasp import together
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.object_path import ObjectPath
+from drake_hand.planning.object_path import ObjectPath, still
+from drake_hand.planning.park import park
 from drake_hand.planning.reach import EDGE, Hold, ReachTable
 from drake_hand.planning.slide import SLIDE_STEP
 from drake_hand.planning.slide import holds as slide_holds
@@ -24,11 +25,6 @@ OPPOSED = np.cos(np.radians(30.0))
 """A contact pushes if its normal is within 30 deg of opposing the push."""
 _CONTACT = 1e-5
 """How far from its contact a tip may end up, m."""
-
-
-def still(X_WO: np.ndarray) -> ObjectPath:
-    """The path of an object that stays at X_WO (4, 4)."""
-    return ObjectPath(X_WO=X_WO[None], stops=(0,))
 
 
 def current_holds(builder: LegBuilder, table: ReachTable) -> list[Hold]:
@@ -137,7 +133,7 @@ def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Mod
         raise no_plan(f"finger {name} {what}", mode=mode, finger=name, constraint=constraint, X_WO=X)
 
     others = [i for i in range(len(hand.fingers)) if i != finger]
-    settle(builder, clearance, approach.park(clearance, path, others, builder.q))
+    settle(builder, clearance, park(clearance, path, others, builder.q))
     waiting = {i: builder.q[hand.fingers[i].columns] for i in others}
     table = ReachTable(clearance, path, model, waiting)
     lasting = [h for h in table.holds(finger, 0) if h.end == path.ticks]
@@ -151,8 +147,9 @@ def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Mod
         fail("reaches no contact whose normal opposes the push", "direction of push")
     p_WCom = table.p_WCom(np.zeros(1, dtype=int))[0]
     for h in sorted(opposed, key=lambda h: float(np.linalg.norm(np.cross(h.p_WP[0] - p_WCom, along)))):
-        if approach.close(builder, clearance, [h]):
-            builder.carry((h,), path.X_WO, 0, path.ticks)
+        contact = approach.Contact(q=h.q[0], n_W=h.n_W[0], p_OP=X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
+        if approach.close(builder, clearance, {finger: contact}):
+            builder.carry(clearance, {h.finger: h.q}, path.X_WO)
             release(builder, clearance)
             return
     fail("cannot get to a contact that opposes the push without a collision", "approach")
@@ -170,7 +167,7 @@ def release(builder: LegBuilder, clearance: Clearance) -> None:
         n_O = clearance.surface.closest((p_WC - X[:3, 3]) @ X[:3, :3])[1]
         normals[i] = X[:3, :3] @ n_O[0]
     builder.dwell()
-    if not approach.open_(builder, clearance, normals, approach.park(clearance, still(X), [])):
+    if not approach.open_(builder, clearance, normals, park(clearance, still(X), [])):
         what = "the fingers cannot let go without a collision"
         raise no_plan(what, mode=builder.mode, constraint="collision", X_WO=X)
 

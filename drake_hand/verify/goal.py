@@ -39,7 +39,8 @@ def pose(p: Pose | MoveTo) -> np.ndarray:
 def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
     """Follows the motion through the plan: start pose, then every step's goal in turn, the last at the end.
 
-    A rotation has to turn by its whole angle: the turn is integrated about its axis from the end of the step before.
+    A rotation has to turn by its whole angle: the turn about its axis since the end of the step before tells how often
+    it has come round.
     Each goal is met at its closest approach, the first time it is met at all.
 
     Returns:
@@ -61,8 +62,9 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
         goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
         if axis is not None:
-            winding = np.degrees(np.abs((turned[first:] - turned[first]) @ axis - angle))
-            rotation_deg = np.maximum(rotation_deg, winding)
+            # Beside its nominal way the object does not turn about the axis alone: whole turns are what winding tells.
+            winding = np.degrees((turned[first:] - turned[first]) @ axis - angle)
+            rotation_deg = np.maximum(rotation_deg, 360 * np.abs(np.round(winding / 360)))
         error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])
         at = len(error) - 1 if i == moving[-1] else _first_closest(error)
         _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), name)

@@ -1,0 +1,172 @@
+"""Clearances of one hand, finger by finger: from the object, from what stands still and from one another."""
+
+from __future__ import annotations
+
+import math
+
+from numba import boolean, float64
+
+from drake_hand.compiled import njit
+from drake_hand.contact.kernels import closest, closest_of, frames
+from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, WORLD, scratch
+
+
+@njit()
+def _carried(p, R, x, out):
+    for i in range(3):
+        out[i] = p[i] + R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
+
+
+@njit()
+def place(w, f, q, s):
+    """Puts the frames and spheres of finger f where they are at q (m,)."""
+    c = w.cover
+    frames(w.chains, f, q, s.p, s.R)
+    _spread(c, f, s)
+
+
+@njit()
+def _spread(c, f, s):
+    for g in range(c.first[f], c.first[f + 1]):
+        a = c.axis[g]
+        _carried(s.p[a], s.R[a], c.p[g], s.groups[g])
+        for k in range(c.spheres[g], c.spheres[g + 1]):
+            _carried(s.p[a], s.R[a], c.p_sphere[k], s.spheres[k])
+
+
+@njit()
+def _outside(b, x, y, z):
+    """Distance from the box around a solid."""
+    dx = max(b.low[0] - x, x - b.high[0], 0.0)
+    dy = max(b.low[1] - y, y - b.high[1], 0.0)
+    dz = max(b.low[2] - z, z - b.high[2], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit()
+def off_object(w, f, X, s, with_tip, least):
+    """Whether placed finger f is clear of the object at X (3, 4), its tip too if asked."""
+    c, b = w.cover, w.object
+    for g in range(c.first[f], c.first[f + 1]):
+        if c.tip[g] and not with_tip:
+            continue
+        x, y, z = into(X, s.groups[g])
+        if _outside(b, x, y, z) >= c.r[g] + least:
+            continue
+        for k in range(c.spheres[g], c.spheres[g + 1]):
+            need = c.r_sphere[k] + least
+            x, y, z = into(X, s.spheres[k])
+            if _outside(b, x, y, z) < need and closest(b, x, y, z, need)[6] < need:
+                return False
+    return True
+
+
+@njit()
+def into(X, p):
+    """A point of W in the frame of the object at X (3, 4)."""
+    dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
+    return (
+        X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz,
+        X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz,
+        X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz,
+    )
+
+
+@njit()
+def off_palm(w, f, s, least):
+    """Whether placed finger f is clear of what stands still."""
+    c, b = w.cover, w.palm
+    for g in range(c.first[f], c.first[f + 1]):
+        p = s.groups[g]
+        if _outside(b, p[0], p[1], p[2]) >= c.r[g] + least:
+            continue
+        for k in range(c.spheres[g], c.spheres[g + 1]):
+            need, p = c.r_sphere[k] + least, s.spheres[k]
+            if _outside(b, p[0], p[1], p[2]) >= need:
+                continue
+            for h in range(len(b.kind)):
+                if c.still[g, h] and closest_of(b, h, p[0], p[1], p[2], need)[6] < need:
+                    return False
+    return True
+
+
+@njit()
+def apart(w, i, j, s, least):
+    """Whether two placed fingers are clear of each other."""
+    c = w.cover
+    for g in range(c.first[i], c.first[i + 1]):
+        a = s.groups[g]
+        for h in range(c.first[j], c.first[j + 1]):
+            b, reach = s.groups[h], c.r[g] + c.r[h] + least
+            if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 >= reach * reach:
+                continue
+            for k in range(c.spheres[g], c.spheres[g + 1]):
+                x, rx = s.spheres[k], c.r_sphere[k] + least
+                for m in range(c.spheres[h], c.spheres[h + 1]):
+                    y, reach = s.spheres[m], rx + c.r_sphere[m]
+                    if (x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2 < reach * reach:
+                        return False
+    return True
+
+
+@njit()
+def object_off_palm(w, X, least):
+    """Whether the object at X (3, 4) is clear of what stands still."""
+    c, b = w.cover, w.palm
+    for k in range(len(c.r_object)):
+        o, need = c.p_object[k], c.r_object[k] + least
+        x = X[0, 3] + X[0, 0] * o[0] + X[0, 1] * o[1] + X[0, 2] * o[2]
+        y = X[1, 3] + X[1, 0] * o[0] + X[1, 1] * o[1] + X[1, 2] * o[2]
+        z = X[2, 3] + X[2, 0] * o[0] + X[2, 1] * o[1] + X[2, 2] * o[2]
+        if _outside(b, x, y, z) < need and closest(b, x, y, z, need)[6] < need:
+            return False
+    return True
+
+
+@njit()
+def clear_alone(w, f, q, touching_tip, X, s, least):
+    """Places finger f and tells whether it is clear of palm, object and all other placed fingers."""
+    place(w, f, q, s)
+    if not off_palm(w, f, s, least) or not off_object(w, f, X, s, not touching_tip, least):
+        return False
+    free = True
+    for j in range(len(w.chains.radius)):
+        free = free and (j == f or apart(w, f, j, s, least))
+    return free
+
+
+@njit()
+def collides(w, q, touching, X, s):
+    """What collides with the object at X (3, 4) and the fingers at q, those that wait already placed."""
+    n = len(touching)
+    for f in range(n):
+        if touching[f]:
+            place(w, f, q[f], s)
+            if not off_palm(w, f, s, w.clearance):
+                return PALM, f
+        if not off_object(w, f, X, s, not touching[f], w.clearance):
+            return OBJECT, f
+    for f in range(n):
+        for j in range(f):
+            if (touching[f] or touching[j]) and not apart(w, f, j, s, w.clearance):
+                return FINGERS, f
+    if not object_off_palm(w, X, w.clearance):
+        return PALM, -1
+    return END, -1
+
+
+@njit((WORLD, float64[:, :, ::1], float64[:, :, ::1], boolean[:, ::1], boolean[::1]))
+def clear(w, X, q0, touching, ok):
+    """Writes whether whole hands (N, n, m) are clear of everything, the object at X (N, 3, 4)."""
+    s = scratch(w)
+    n = q0.shape[1]
+    for i in range(len(q0)):
+        for f in range(n):
+            place(w, f, q0[i, f], s)
+        reason, _ = collides(w, q0[i], touching[i], X[i], s)
+        ok[i] = reason == END
+        for f in range(n):
+            for j in range(f):
+                ok[i] &= touching[i, f] or touching[i, j] or apart(w, f, j, s, w.clearance)
+            if ok[i] and not touching[i, f]:
+                ok[i] = off_palm(w, f, s, w.clearance)

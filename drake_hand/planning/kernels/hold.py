@@ -1,0 +1,99 @@
+"""Whether contacts hold the object, with all fingers and without each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import boolean, float64
+
+from drake_hand.compiled import njit
+from drake_hand.contact.equilibrium import margin
+from drake_hand.contact.kernels import jacobian, touch
+from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
+
+
+@njit()
+def contact_at(w, f, q, X, s):
+    """Takes finger f's contact with the object at X (3, 4) into the scratch's set of contacts."""
+    at = touch(w.chains, w.object, f, q, X, s.p, s.R)
+    r = w.chains.radius[f]
+    for i in range(3):
+        s.N[f, i] = -at[6 + i]
+        s.P[f, i] = at[i] - r * at[6 + i]
+    jacobian(w.chains, f, s.p, s.R, s.P[f, 0], s.P[f, 1], s.P[f, 2], s.JP[f])
+    return at
+
+
+@njit()
+def held(w, load, mask, X, s):
+    """Margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`."""
+    count, nx, ny, nz = 0, 0.0, 0.0, 0.0
+    for f in range(len(mask)):
+        if mask[f]:
+            count += 1
+            nx += s.N[f, 0]
+            ny += s.N[f, 1]
+            nz += s.N[f, 2]
+    if count < load.min_contacts:
+        return float(count - load.min_contacts)
+    if load.kinematic:
+        return 0.5 * (1.0 - math.sqrt(nx * nx + ny * ny + nz * nz) / max(count, 1))
+    o = w.p_OCom
+    com = s.force
+    for i in range(3):
+        com[i] = X[i, 3] + X[i, 0] * o[0] + X[i, 1] * o[1] + X[i, 2] * o[2]
+    return (
+        margin(
+            s.tableau,
+            s.basis,
+            s.P,
+            s.N,
+            mask,
+            com,
+            load.force_W,
+            load.friction,
+            load.torsion_radius,
+            0.0,
+            s.JP,
+            load.effort,
+            s.drag,
+        )
+        - load.preload
+    )
+
+
+@njit(
+    (
+        WORLD,
+        LOAD,
+        float64[:, :, ::1],
+        float64[:, :, ::1],
+        boolean[:, ::1],
+        float64[:, ::1],
+        float64[:, :, ::1],
+        float64[:, :, ::1],
+    )
+)
+def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
+    """Writes margins (N, n + 1) of sets of contacts: without each finger, and in the last column with all.
+
+    Fingers that do not touch have that of all. Contact points in O and outward normals in W (N, n, 3) are written too.
+    """
+    s = scratch(w)
+    n = q0.shape[1]
+    mask = np.zeros(n, dtype=np.bool_)
+    for i in range(len(q0)):
+        for f in range(n):
+            mask[f] = touching[i, f]
+            if mask[f]:
+                at = contact_at(w, f, q0[i, f], X[i], s)
+                for k in range(3):
+                    p_OP[i, f, k], n_W[i, f, k] = at[3 + k], at[6 + k]
+        margins[i, n] = held(w, load, mask, X[i], s)
+        for f in range(n):
+            margins[i, f] = margins[i, n]
+            if touching[i, f]:
+                mask[f] = False
+                margins[i, f] = held(w, load, mask, X[i], s)
+                mask[f] = True

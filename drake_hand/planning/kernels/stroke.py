@@ -1,0 +1,217 @@
+"""Strokes: hands that carry the object along ways of their own, and how far single contacts would roll."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import boolean, float64, int64
+
+from drake_hand.compiled import njit
+from drake_hand.contact.kernels import edge_distance, jacobian, least_squares, rates, tip, touch
+from drake_hand.contact.rolling import BEND, KINK, SLIP, STEP
+from drake_hand.planning.kernels.clear import collides, into, off_object, off_palm, place
+from drake_hand.planning.kernels.hold import contact_at, held
+from drake_hand.planning.kernels.pose import log, turned
+from drake_hand.planning.kernels.world import BALANCE, EDGE, END, LIMIT, LOAD, SINGULAR, WORLD, scratch
+
+
+@njit()
+def roll_step(w, f, q, fixed, A, B, twist, mid, s):
+    """Carries the contact of finger f at q (m,) from object pose A to B (3, 4), in place.
+
+    A midpoint step of the rates, then what it drifted off the surface is taken back, as in `rolling.roll`. `fixed`
+    (3,) is where a pivoting tip centre stays in O. `twist` (6,) and `mid` (3, 4) are those of the step.
+
+    Returns:
+        What ends the contact, or `END`.
+    """
+    c, m = w.chains, w.chains.joints[f]
+    turn, shift = twist[:3], twist[3:]
+    at = touch(c, w.object, f, q, A, s.p, s.R)
+    rates(c, f, s.p, s.R, at, A, turn, shift, w.pivot, s.J, s.rate)
+    for j in range(m):
+        s.half[j] = q[j] + s.rate[j] / 2
+    at = touch(c, w.object, f, s.half, mid, s.p, s.R)
+    for j in range(m):
+        s.half[j] = s.rate[j]
+    missed = rates(c, f, s.p, s.R, at, mid, turn, shift, w.pivot, s.J, s.rate)
+    bend = 0.0
+    for j in range(m):
+        bend = max(bend, abs(s.rate[j] - s.half[j]))
+        s.half[j] = q[j] + s.rate[j]
+    at = touch(c, w.object, f, s.half, B, s.p, s.R)
+    if w.pivot:
+        x = B[0, 3] + B[0, 0] * fixed[0] + B[0, 1] * fixed[1] + B[0, 2] * fixed[2] - at[0]
+        y = B[1, 3] + B[1, 0] * fixed[0] + B[1, 1] * fixed[1] + B[1, 2] * fixed[2] - at[1]
+        z = B[2, 3] + B[2, 0] * fixed[0] + B[2, 1] * fixed[1] + B[2, 2] * fixed[2] - at[2]
+    else:
+        gap = c.radius[f] - at[9]
+        x, y, z = gap * at[6], gap * at[7], gap * at[8]
+    jacobian(c, f, s.p, s.R, at[0], at[1], at[2], s.J)
+    least_squares(s.J, m, x, y, z, 1e-4, s.rate)
+    ex, ey, ez, most = x, y, z, 0.0
+    for j in range(m):
+        ex -= s.J[0, j] * s.rate[j]
+        ey -= s.J[1, j] * s.rate[j]
+        ez -= s.J[2, j] * s.rate[j]
+        s.half[j] += s.rate[j]
+        most = max(most, abs(s.half[j] - q[j]))
+        if s.half[j] < c.lower[f, j] or s.half[j] > c.upper[f, j]:
+            return LIMIT
+    missed += math.sqrt(ex * ex + ey * ey + ez * ez)
+    if bend > BEND or most > STEP or missed > SLIP:
+        return SINGULAR
+    if math.sqrt(x * x + y * y + z * z) > KINK or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
+        return EDGE
+    for j in range(m):
+        q[j] = s.half[j]
+    return END
+
+
+@njit()
+def _roll_on(w, f, q, fixed, A, B, twist, pose, mid, s):
+    """`roll_step` in as many substeps as the world asks for."""
+    log(A, B, twist)
+    for i in range(3):
+        twist[3 + i] = B[i, 3] - A[i, 3]
+    n = w.substeps
+    for i in range(6):
+        twist[i] /= n
+    for k in range(n):
+        turned(A, twist, twist[3:], float(k), pose[0])
+        turned(A, twist, twist[3:], k + 1.0, pose[1])
+        turned(A, twist, twist[3:], k + 0.5, mid)
+        why = roll_step(w, f, q, fixed, pose[0], pose[1], twist, mid, s)
+        if why != END:
+            return why
+    return END
+
+
+@njit(
+    (
+        WORLD,
+        LOAD,
+        float64[:, :, :, ::1],
+        int64[::1],
+        float64[:, :, ::1],
+        boolean[:, ::1],
+        int64,
+        float64[:, :, :, ::1],
+        int64[::1],
+        int64[::1],
+        int64[::1],
+    )
+)
+def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
+    """Carries hands that hold the object along ways of their own, as far as that goes.
+
+    Args:
+        w: the world.
+        load: what it takes to hold the object.
+        X: (N, most + 1, 3, 4) object poses, the first is where it is.
+        K: (N,) steps of each way.
+        q0: (N, n, m) postures; fingers that do not touch stay there.
+        touching: (N, n) bool.
+        every: balance is tested every so many steps, and at the last.
+        q: (N, most + 1, n, m) written: postures at the poses.
+        length: (N,) written: steps that can be made.
+        why: (N,) written: what ends each.
+        who: (N,) written: the finger it is about, or -1.
+    """
+    N, n = q0.shape[:2]
+    s = scratch(w)
+    twist, pose, mid, fixed = np.zeros(6), np.zeros((2, 3, 4)), np.zeros((3, 4)), np.zeros((n, 3))
+    for i in range(N):
+        q[i, 0] = q0[i]
+        length[i], why[i], who[i] = 0, END, -1
+        for f in range(n):
+            place(w, f, q0[i, f], s)
+            if touching[i, f]:
+                x, y, z = tip(w.chains, f, s.p, s.R)
+                s.half[:] = 0.0
+                s.force[0], s.force[1], s.force[2] = x, y, z
+                fixed[f, 0], fixed[f, 1], fixed[f, 2] = into(X[i, 0], s.force)
+        for k in range(1, K[i] + 1):
+            q[i, k] = q[i, k - 1]
+            A, B = X[i, k - 1], X[i, k]
+            reason, guilty = END, -1
+            for f in range(n):
+                if touching[i, f]:
+                    reason = _roll_on(w, f, q[i, k, f], fixed[f], A, B, twist, pose, mid, s)
+                    if reason != END:
+                        guilty = f
+                        break
+            if reason == END:
+                reason, guilty = collides(w, q[i, k], touching[i], B, s)
+            if reason == END and (k % every == 0 or k == K[i]):
+                for f in range(n):
+                    if touching[i, f]:
+                        contact_at(w, f, q[i, k, f], B, s)
+                if held(w, load, touching[i], B, s) < 0:
+                    reason = BALANCE
+                else:
+                    length[i] = k
+            if reason != END:
+                why[i], who[i] = reason, guilty
+                if reason != BALANCE and k - 1 > length[i]:
+                    # The last steps were not tested for balance yet.
+                    for f in range(n):
+                        if touching[i, f]:
+                            contact_at(w, f, q[i, k - 1, f], A, s)
+                    if held(w, load, touching[i], A, s) >= 0:
+                        length[i] = k - 1
+                break
+
+
+@njit((WORLD, int64[::1], float64[:, ::1], float64[:, :, :, ::1], int64[::1], int64[::1]))
+def ahead(w, finger, q0, X, steps, length):
+    """Writes how many coarse steps single contacts (N, m) of fingers (N,) roll along ways X (N, most + 1, 3, 4).
+
+    An estimate to rank by: joint limits, edges and collisions with object and palm end it, accuracy does not.
+    """
+    s = scratch(w)
+    c = w.chains
+    twist, fixed = np.zeros(6), np.zeros(3)
+    q = np.zeros(q0.shape[1])
+    for i in range(len(finger)):
+        q[:] = q0[i]
+        f = finger[i]
+        m = c.joints[f]
+        length[i] = 0
+        at = touch(c, w.object, f, q, X[i, 0], s.p, s.R)
+        s.force[0], s.force[1], s.force[2] = at[0], at[1], at[2]
+        fixed[0], fixed[1], fixed[2] = into(X[i, 0], s.force)
+        for k in range(1, steps[i] + 1):
+            A, B = X[i, k - 1], X[i, k]
+            log(A, B, twist)
+            for j in range(3):
+                twist[3 + j] = B[j, 3] - A[j, 3]
+            rates(c, f, s.p, s.R, at, A, twist[:3], twist[3:], w.pivot, s.J, s.rate)
+            fits = True
+            for j in range(m):
+                q[j] += s.rate[j]
+                fits &= c.lower[f, j] <= q[j] <= c.upper[f, j] and abs(s.rate[j]) < 3 * STEP
+            if not fits:
+                break
+            at = touch(c, w.object, f, q, B, s.p, s.R)
+            if w.pivot:
+                x = B[0, 3] + B[0, 0] * fixed[0] + B[0, 1] * fixed[1] + B[0, 2] * fixed[2] - at[0]
+                y = B[1, 3] + B[1, 0] * fixed[0] + B[1, 1] * fixed[1] + B[1, 2] * fixed[2] - at[1]
+                z = B[2, 3] + B[2, 0] * fixed[0] + B[2, 1] * fixed[1] + B[2, 2] * fixed[2] - at[2]
+            else:
+                gap = c.radius[f] - at[9]
+                x, y, z = gap * at[6], gap * at[7], gap * at[8]
+            if x * x + y * y + z * z > 9e-6 or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
+                break
+            jacobian(c, f, s.p, s.R, at[0], at[1], at[2], s.J)
+            least_squares(s.J, m, x, y, z, 1e-4, s.rate)
+            for j in range(m):
+                q[j] = min(max(q[j] + s.rate[j], c.lower[f, j]), c.upper[f, j])
+            at = touch(c, w.object, f, q, B, s.p, s.R)
+            if abs(at[9] - c.radius[f]) > 1e-3:
+                break
+            place(w, f, q, s)
+            if not off_object(w, f, B, s, False, w.clearance) or not off_palm(w, f, s, w.clearance):
+                break
+            length[i] = k

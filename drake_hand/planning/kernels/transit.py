@@ -1,0 +1,276 @@
+"""Contacts within reach, and the ways of a free finger to them: lift, travel, land."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import boolean, float64, int64
+
+from drake_hand.compiled import njit
+from drake_hand.contact.kernels import frames, jacobian, least_squares, tip
+from drake_hand.planning.kernels.clear import clear_alone, place
+from drake_hand.planning.kernels.world import SEEDS, WORLD, scratch
+
+LIFT_JUMP = math.radians(20.0)
+"""Joint step of a lift that is no longer one way."""
+KNOTS = 9
+"""Of a lift or a landing."""
+
+
+@njit()
+def reach_for(c, f, x, y, z, q, tolerance, iterations, s):
+    """Brings the tip centre of finger f to (x, y, z), from q (m,) in place; returns the distance left, m."""
+    m = c.joints[f]
+    last, error = np.inf, np.inf
+    for k in range(iterations + 1):
+        frames(c, f, q, s.p, s.R)
+        px, py, pz = tip(c, f, s.p, s.R)
+        ex, ey, ez = x - px, y - py, z - pz
+        error = math.sqrt(ex * ex + ey * ey + ez * ez)
+        if error <= tolerance or (error > 0.9 * last and k >= 3) or k == iterations:
+            return error
+        last = error
+        jacobian(c, f, s.p, s.R, px, py, pz, s.J)
+        damping = 1e-5 + 0.2 * error
+        least_squares(s.J, m, ex, ey, ez, damping, s.rate)
+        stuck = False
+        for j in range(m):
+            if (q[j] <= c.lower[f, j] and s.rate[j] < 0) or (q[j] >= c.upper[f, j] and s.rate[j] > 0):
+                stuck = True
+                s.J[0, j] = s.J[1, j] = s.J[2, j] = 0.0
+        if stuck:
+            least_squares(s.J, m, ex, ey, ez, damping, s.rate)
+        most = 1e-12
+        for j in range(m):
+            most = max(most, abs(s.rate[j]))
+        scale = min(1.0, 0.5 / most)
+        for j in range(m):
+            q[j] = min(max(q[j] + scale * s.rate[j], c.lower[f, j]), c.upper[f, j])
+    return error
+
+
+@njit(
+    (
+        WORLD,
+        int64,
+        SEEDS,
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        boolean[::1],
+    )
+)
+def contacts(w, f, seeds, points, normals, X, q, p_W, n_W, able):
+    """Postures (N, m) of finger f whose tip touches surface points (N, 3) of the object at X (3, 4).
+
+    Args:
+        w: the world.
+        f: finger.
+        seeds: of the finger.
+        points: (N, 3) in O, m.
+        normals: (N, 3) outward, in O.
+        X: (3, 4).
+        q: (N, m) written: rad.
+        p_W: (N, 3) written: contact points, m.
+        n_W: (N, 3) written: outward normals.
+        able: (N,) bool written: whether the point is within reach.
+    """
+    s = scratch(w)
+    c, r = w.chains, w.chains.radius[f]
+    cell = np.zeros(3, np.int64)
+    for i in range(len(points)):
+        for k in range(3):
+            n_W[i, k] = X[k, 0] * normals[i, 0] + X[k, 1] * normals[i, 1] + X[k, 2] * normals[i, 2]
+            p_W[i, k] = X[k, 3] + X[k, 0] * points[i, 0] + X[k, 1] * points[i, 1] + X[k, 2] * points[i, 2]
+        x, y, z = p_W[i, 0] + r * n_W[i, 0], p_W[i, 1] + r * n_W[i, 1], p_W[i, 2] + r * n_W[i, 2]
+        near = True
+        for k, v in enumerate((x, y, z)):
+            cell[k] = math.floor((v - seeds.corner[k]) / seeds.edge + 0.5)
+            near &= -1 <= cell[k] <= seeds.counts[k]
+            cell[k] = min(max(cell[k], 0), seeds.counts[k] - 1)
+        able[i] = False
+        for k in range(2):
+            if near and not able[i]:
+                start = seeds.q[cell[0], cell[1], cell[2], k]
+                for j in range(c.joints[f]):
+                    q[i, j] = start[j]
+                # Where the nearest posture of a fine grid is far away, nothing reaches.
+                frames(c, f, q[i], s.p, s.R)
+                a, b, d = tip(c, f, s.p, s.R)
+                if (a - x) ** 2 + (b - y) ** 2 + (d - z) ** 2 > 4 * seeds.edge**2:
+                    break
+                able[i] = reach_for(c, f, x, y, z, q[i], 1e-6, 12, s) < 1e-5
+
+
+@njit()
+def lift(w, f, q, n, height, X, way, s):
+    """Writes the way (KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
+
+    Returns:
+        Whether it is one way and clear; the others have to be placed. Its end is clear of the object, tip and all.
+    """
+    c, m, last = w.chains, w.chains.joints[f], len(way) - 1
+    frames(c, f, q, s.p, s.R)
+    x, y, z = tip(c, f, s.p, s.R)
+    for j in range(m):
+        way[0, j] = q[j]
+    for k in range(1, last + 1):
+        h = height * k / last
+        for j in range(m):
+            way[k, j] = way[k - 1, j] + (way[k - 1, j] - way[k - 2, j] if k > 1 else 0.0)
+            way[k, j] = min(max(way[k, j], c.lower[f, j]), c.upper[f, j])
+        if reach_for(c, f, x + h * n[0], y + h * n[1], z + h * n[2], way[k], 1e-6, 12, s) > 2e-5:
+            return False
+        for j in range(m):
+            if abs(way[k, j] - way[k - 1, j]) > LIFT_JUMP:
+                return False
+    for k in range(last, -1, -1):
+        if not clear_alone(w, f, way[k], k < last, X, s, w.clearance if k == last else w.clearance / 2):
+            return False
+    return True
+
+
+@njit()
+def straight(w, f, a, b, X, step, q, s):
+    """Whether finger f is clear along the straight way from a to b (m,) in joint space, the others placed."""
+    m, most = w.chains.joints[f], 0.0
+    for j in range(m):
+        most = max(most, abs(b[j] - a[j]))
+    n = max(2, math.ceil(most / step))
+    for k in range(n + 1):
+        # From the middle outwards: what is in the way mostly is there.
+        i = n // 2 + (k + 1) // 2 * (1 if k % 2 else -1)
+        if 0 <= i <= n:
+            for j in range(m):
+                q[j] = a[j] + (b[j] - a[j]) * i / n
+            if not clear_alone(w, f, q, False, X, s, w.clearance / 2):
+                return False
+    return True
+
+
+@njit()
+def _departures(w, f, X, others, old, touches, n_old, heights, up, able, s):
+    """Places the other fingers and writes the ways (H, KNOTS, m) off the present contact, and which are clear (H,)."""
+    for j in range(len(others)):
+        if j != f:
+            place(w, j, others[j], s)
+    for h in range(len(heights)):
+        if touches:
+            able[h] = lift(w, f, old, n_old, heights[h], X, up[h], s)
+        else:
+            able[h] = h == 0
+            up[h, KNOTS - 1] = old
+
+
+@njit()
+def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
+    """Writes the first height (V,) from which each stop-over (V, m) is reached straight; -1 where none."""
+    for v in range(len(stops)):
+        reached[v] = -1
+        if clear_alone(w, f, stops[v], False, X, s, w.clearance):
+            for h in range(len(able)):
+                if able[h] and straight(w, f, up[h, KNOTS - 1], stops[v], X, step, q, s):
+                    reached[v] = h
+                    break
+
+
+@njit(
+    (
+        WORLD,
+        int64,
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[::1],
+        boolean,
+        float64[::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[::1],
+        float64[:, ::1],
+        float64,
+        int64[:, ::1],
+    )
+)
+def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, step, found):
+    """Looks for ways of finger f from where it is to contacts, all else at rest.
+
+    Args:
+        w: the world.
+        f: finger.
+        X: (3, 4) object pose.
+        others: (n, m) posture of the hand.
+        old: (m,) where the finger is ...
+        touches: ... in contact, so that it lifts first, or not.
+        n_old: (3,) outward normal there.
+        new: (N, m) where it goes ...
+        n_new: (N, 3) ... and the normals there.
+        heights: (H,) of lifts, m.
+        stops: (V, m) stop-overs, to go round by.
+        step: between checks, rad.
+        found: (N, 3) written: index of the first height, of the second, and of the stop-over + 1; -1 where none.
+    """
+    s = scratch(w)
+    H, m = len(heights), others.shape[1]
+    up, down, q = np.zeros((H, KNOTS, m)), np.zeros((KNOTS, m)), np.zeros(m)
+    able, reached = np.zeros(H, np.bool_), np.full(len(stops), -2)
+    _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
+    asked = False
+    for i in range(len(new)):
+        found[i, 0] = found[i, 1] = found[i, 2] = -1
+        for h in range(H):
+            if not lift(w, f, new[i], n_new[i], heights[h], X, down, s):
+                continue
+            for g in range(H):
+                if able[g] and straight(w, f, up[g, KNOTS - 1], down[KNOTS - 1], X, step, q, s):
+                    found[i, 0], found[i, 1], found[i, 2] = g, h, 0
+                    break
+            if found[i, 0] < 0 and not asked:
+                _to_stops(w, f, X, up, able, stops, step, reached, q, s)
+                asked = True
+            for v in range(len(stops)):
+                near = found[i, 0] < 0 and reached[v] >= 0
+                if near and straight(w, f, stops[v], down[KNOTS - 1], X, step, q, s):
+                    found[i, 0], found[i, 1], found[i, 2] = reached[v], h, v + 1
+            if found[i, 0] >= 0:
+                break
+
+
+@njit(
+    (
+        WORLD,
+        int64,
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[::1],
+        boolean,
+        float64[::1],
+        float64[::1],
+        float64[:, ::1],
+        float64,
+        int64[::1],
+    )
+)
+def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
+    """Looks for ways of finger f to free postures `stops` (V, m), where it may wait.
+
+    The other arguments are those of `transits`; `found` (V,) is written: index of the height, -1 where there is none.
+    """
+    s = scratch(w)
+    H, m = len(heights), others.shape[1]
+    up, able = np.zeros((H, KNOTS, m)), np.zeros(H, np.bool_)
+    _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
+    _to_stops(w, f, X, up, able, stops, step, found, np.zeros(m), s)
+
+
+@njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, ::1]))
+def lift_way(w, f, X, others, q, n, height, way):
+    """Writes the way (KNOTS, m) of a lift; see `lift`. What is in the way is not told."""
+    s = scratch(w)
+    for j in range(len(others)):
+        if j != f:
+            place(w, j, others[j], s)
+    lift(w, f, q, n, height, X, way, s)

@@ -1,0 +1,167 @@
+"""What kernels work on: `World`, `Load` and `Scratch`, arrays all of them, and their types for the compiler."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from drake_hand.compiled import njit
+from drake_hand.contact.equilibrium import workspace
+from drake_hand.contact.kernels import Chains, Solid
+
+END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE = range(8)
+"""What ends a stroke."""
+WORDS = (
+    "end",
+    "joint limit",
+    "singular",
+    "edge",
+    "collision with the object",
+    "collision of fingers",
+    "collision with the palm",
+    "balance",
+)
+"""The same in words."""
+
+
+class Cover(NamedTuple):
+    """Spheres that cover the links of the fingers, in groups of one body each, and the object."""
+
+    first: np.ndarray
+    """(n + 1,) a finger's first group."""
+    axis: np.ndarray
+    """(G,) joint each group moves with."""
+    p: np.ndarray
+    """(G, 3) centre of the sphere around a group, in that joint's frame, m ..."""
+    r: np.ndarray
+    """(G,) ... and radius, m."""
+    tip: np.ndarray
+    """(G,) bool: part of the fingertip, which may touch the object."""
+    spheres: np.ndarray
+    """(G + 1,) a group's first sphere."""
+    p_sphere: np.ndarray
+    """(S, 3) m."""
+    r_sphere: np.ndarray
+    """(S,) m."""
+    still: np.ndarray
+    """(G, B) bool: whether a group has to keep clear of each shape that stands still."""
+    p_object: np.ndarray
+    """(T, 3) spheres that cover the object, in O, m."""
+    r_object: np.ndarray
+    """(T,) m."""
+
+
+class World(NamedTuple):
+    """All that does not change while planning."""
+
+    chains: Chains
+    object: Solid
+    palm: Solid
+    """All shapes that stand still, in W."""
+    cover: Cover
+    p_OCom: np.ndarray
+    """(3,) m."""
+    clearance: float
+    """Least distance of what should not touch, m."""
+    edge: float
+    """How far contacts stay from edges, m."""
+    pivot: bool
+    """Whether tip centres stay fixed in the object, instead of rolling."""
+    substeps: int
+    """Rolling steps between two poses of a way."""
+
+
+class Load(NamedTuple):
+    """What it takes to hold the object; see `holding`."""
+
+    kinematic: bool
+    min_contacts: int
+    force_W: np.ndarray
+    friction: float
+    torsion_radius: float
+    preload: float
+    effort: np.ndarray
+    """(n, m) Nm."""
+
+
+class Seeds(NamedTuple):
+    """Where inverse kinematics of one finger starts from: `FingerKinematics._cells`."""
+
+    corner: np.ndarray
+    edge: float
+    counts: np.ndarray
+    q: np.ndarray
+    """(x, y, z, 2, m) rad."""
+
+
+class Scratch(NamedTuple):
+    """Room to work in."""
+
+    p: np.ndarray
+    R: np.ndarray
+    groups: np.ndarray
+    spheres: np.ndarray
+    J: np.ndarray
+    rate: np.ndarray
+    half: np.ndarray
+    P: np.ndarray
+    N: np.ndarray
+    JP: np.ndarray
+    drag: np.ndarray
+    tableau: np.ndarray
+    basis: np.ndarray
+    force: np.ndarray
+
+
+@njit()
+def scratch(w):
+    """Room for one row."""
+    n, m = w.chains.lower.shape
+    A, G, S = len(w.chains.R), len(w.cover.r), len(w.cover.r_sphere)
+    tableau, basis = workspace(n)
+    return Scratch(
+        np.zeros((A, 3)),
+        np.zeros((A, 3, 3)),
+        np.zeros((G, 3)),
+        np.zeros((S, 3)),
+        np.zeros((3, m)),
+        np.zeros(m),
+        np.zeros(m),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.zeros((n, 3, m)),
+        np.zeros((n, 3)),
+        tableau,
+        basis,
+        np.zeros(3),
+    )
+
+
+def _types() -> tuple[numba.types.Type, ...]:
+    """Of `World`, `Load` and `Seeds`, whatever is in them."""
+
+    def floats(*shape: int) -> np.ndarray:
+        return np.zeros(shape)
+
+    ints, flags = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    chains = Chains(
+        ints, floats(0, 3, 3), floats(0, 3), ints, floats(0), floats(0), flags, floats(0, 3), floats(0), ints,
+        floats(0, 0), floats(0, 0),
+    )  # fmt: skip
+    solid = Solid(
+        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), floats(3), floats(3)
+    )
+    cover = Cover(
+        ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), np.zeros((0, 0), dtype=np.bool_),
+        floats(0, 3), floats(0),
+    )  # fmt: skip
+    world = World(chains, solid, solid, cover, floats(3), 0.0, 0.0, False, 0)
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0, 0))
+    seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
+    return tuple(numba.typeof(x) for x in (world, load, seeds))
+
+
+WORLD, LOAD, SEEDS = _types()
+"""Types for the signatures of kernels."""

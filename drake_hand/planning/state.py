@@ -1,0 +1,101 @@
+"""States of the search and the moves between them, as data.
+
+A state of the hybrid automaton is a mode (who touches), the contacts (postures of the touching fingers) and the
+object's pose. The pose is free within the task's corridor: it is a progress along the nominal way and an offset from
+it. ::
+
+    State --Stroke--> State      the object moves on, every touching finger rolls (or pivots) with it
+    State --Switch--> State      one finger breaks contact, makes one elsewhere, or both; all else rests
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_hand.model.hand import Hand
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stroke:
+    """The object moves, held by all fingers that touch."""
+
+    X: np.ndarray
+    """(k + 1, 3, 4) object poses."""
+    q: np.ndarray
+    """(k + 1, n, m) postures at them, rad."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Switch:
+    """One finger breaks and makes contact elsewhere, makes one, or breaks it and waits; the object rests."""
+
+    finger: int
+    height: int
+    """Index of the lift it begins with; of no meaning where the finger does not touch before."""
+    landing: int
+    """Index of the lift it lands from, reversed; -1 where it does not land."""
+    stop: int
+    """Index of the stop-over on its way, or of where it waits; -1 for none."""
+    ways: tuple[np.ndarray, ...] | None = None
+    """The pieces of its way (k, m), where they are not to be made from the indices."""
+
+
+@dataclass(kw_only=True, eq=False, slots=True)
+class State:
+    """Where a hand holds the object."""
+
+    s: float
+    """Progress along the nominal way, ticks."""
+    off: np.ndarray
+    """(6,) rotation vector (rad) and translation (m) from the nominal pose, in W."""
+    X: np.ndarray
+    """(3, 4) object pose."""
+    q: np.ndarray
+    """(n, m) posture by finger, rad; columns a finger lacks are zero."""
+    touching: np.ndarray
+    """(n,) bool."""
+    regrasps: int = 0
+    parent: State | None = None
+    move: Stroke | Switch | None = None
+    """What led here from the parent."""
+    room: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n,) how far each contact would roll on along the nominal way, 1 for far enough."""
+    margins: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n + 1,) with which the object is held without each finger and, last, with all of them, N."""
+    p_OP: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) contact points, m, of the fingers that touch."""
+    n_W: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) outward normals there."""
+    score: float = 0.0
+    """How promising the state is."""
+    progress: float = 0.0
+    """Ticks behind it, less what the offset and unwanted contacts cost at the end of the step."""
+    niche: tuple[int, ...] = ()
+    """Equal for states that are much alike."""
+
+    @property
+    def chain(self) -> list[State]:
+        """The states from the root to this one."""
+        out, walk = [], self
+        while walk is not None:
+            out.append(walk)
+            walk = walk.parent  # type: ignore[assignment]
+        return out[::-1]
+
+
+def by_finger(hand: Hand, q: np.ndarray) -> np.ndarray:
+    """(n, m) a posture q (nq,) finger by finger."""
+    out = np.zeros((len(hand.fingers), max(len(f.columns) for f in hand.fingers)))
+    for row, finger in zip(out, hand.fingers, strict=True):
+        row[: len(finger.columns)] = q[finger.columns]
+    return out
+
+
+def whole(hand: Hand, q: np.ndarray) -> np.ndarray:
+    """(nq,) a posture (n, m) that is given finger by finger."""
+    out = np.zeros(hand.nq)
+    for row, finger in zip(q, hand.fingers, strict=True):
+        out[finger.columns] = row[: len(finger.columns)]
+    return out

@@ -1,0 +1,178 @@
+"""The kernels' view of a scene: `World`, `Load` and `Grid`, and batches of rows split over the cores."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from drake_hand.contact import kernels as contact_kernels
+from drake_hand.model.object import Geometry
+from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.kernels import world as kernels
+from drake_hand.planning.reach import EDGE
+
+T = TypeVar("T")
+SPACING, MOST = 3.0e-3, 2000
+"""Grid of contacts on the surface, m; coarser where that gives more than so many."""
+STOPS = 6
+"""Free postures a finger is offered."""
+POLYHEDRON_SUBSTEPS = 3
+"""Rolling steps between two poses on polyhedra, where contacts move in jerks."""
+
+
+def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
+    """The arrays of a scene.
+
+    Args:
+        clearance: of the scene.
+        pivot: the paper's contact model instead of rolling.
+    """
+    chains = contact_kernels.chains(clearance.kinematics)
+    still = clearance.still_shapes
+    first, spheres = [0], [0]
+    axis, p, r, tips, p_sphere, r_sphere, keep = [], [], [], [], [], [], []
+    for f, kin in enumerate(clearance.kinematics):
+        s = clearance.spheres(f)
+        U = [link[3] for link in kin._links]
+        G = len(s.around)
+        for g, (_, rows) in enumerate(s.groups):
+            a = int(s.joint[g])
+            axis.append(chains.first[f] + a)
+            p.append(U[a].T @ s.p_J[g])
+            r.append(s.around[g])
+            tips.append(bool(s.tip[rows].all()))
+            keep.append(clearance.keeps_off[f][g])
+            p_sphere += list(s.p_J[G:][rows] @ U[a])
+            r_sphere += list(s.radius[rows])
+            spheres.append(len(r_sphere))
+        first.append(len(r))
+    p_object, r_object = clearance.object_cover
+    cover = kernels.Cover(
+        first=np.array(first),
+        axis=np.array(axis),
+        p=np.array(p),
+        r=np.array(r),
+        tip=np.array(tips, dtype=np.bool_),
+        spheres=np.array(spheres),
+        p_sphere=np.array(p_sphere),
+        r_sphere=np.array(r_sphere),
+        still=np.array(keep, dtype=np.bool_).reshape(len(r), len(still)),
+        p_object=p_object,
+        r_object=r_object,
+    )
+    polyhedral = any(g.kind == "mesh" for g in clearance.surface.geometries)
+    nowhere = Geometry(kind="sphere", X_OG=np.eye(4), size=(0.0,))
+    return kernels.World(
+        chains=chains,
+        object=contact_kernels.solid(clearance.surface.geometries),
+        palm=contact_kernels.solid(still or (replace(nowhere, X_OG=_far()),)),
+        cover=cover if still else cover._replace(still=np.zeros((len(r), 1), dtype=np.bool_)),
+        p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
+        clearance=CLEARANCE,
+        edge=EDGE,
+        pivot=pivot,
+        substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
+    )
+
+
+def _far() -> np.ndarray:
+    X = np.eye(4)
+    X[:3, 3] = 1e3
+    return X
+
+
+def load(holding: Holding, min_contacts: int) -> kernels.Load:
+    """The arrays of what it takes to hold the object."""
+    if isinstance(holding, Equilibrium):
+        return kernels.Load(
+            kinematic=False,
+            min_contacts=min_contacts,
+            force_W=np.array(holding.force_W, dtype=float),
+            friction=float(holding.friction),
+            torsion_radius=float(holding.torsion_radius),
+            preload=float(holding.preload),
+            effort=holding.effort,
+        )
+    assert isinstance(holding, Kinematic)
+    return kernels.Load(
+        kinematic=True,
+        min_contacts=min_contacts,
+        force_W=np.zeros(3),
+        friction=1.0,
+        torsion_radius=0.0,
+        preload=0.0,
+        effort=np.ones((1, 1)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """What fingers are offered: surface points, where inverse kinematics starts, and free postures."""
+
+    points: np.ndarray
+    """(N, 3) in O, m."""
+    normals: np.ndarray
+    """(N, 3) outward, in O."""
+    seeds: tuple[kernels.Seeds, ...]
+    """By finger."""
+    stops: tuple[np.ndarray, ...]
+    """(V, m) by finger: where it may wait, and stop-overs of ways that are not straight; the first is home."""
+
+    @classmethod
+    def of(cls, clearance: Clearance) -> Grid:
+        """The grid of a scene."""
+        surface = clearance.surface
+        many = len(surface.sample(SPACING)[0])
+        points, normals = surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
+        inside = surface.edge_distance(points) >= EDGE
+        m = max(len(kin.lower) for kin in clearance.kinematics)
+        seeds, stops = [], []
+        for i, kin in enumerate(clearance.kinematics):
+            corner, edge, counts, q = kin._cells
+            q = np.pad(q.reshape(*counts, 2, -1), [(0, 0)] * 4 + [(0, m - q.shape[-1])])
+            seeds.append(kernels.Seeds(np.ascontiguousarray(corner), float(edge), counts, np.ascontiguousarray(q)))
+            home = np.clip(clearance.hand.q_home[kin.finger.columns], kin.lower, kin.upper)
+            stops.append(np.pad(_far_apart(clearance.postures(i).q, home, STOPS), [(0, 0), (0, m - len(home))]))
+        return cls(
+            points=np.ascontiguousarray(points[inside]),
+            normals=np.ascontiguousarray(normals[inside]),
+            seeds=tuple(seeds),
+            stops=tuple(stops),
+        )
+
+
+def _far_apart(q: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
+    """A posture, and others (count, m) of a set far from it and from one another."""
+    taken, distance = [first], np.linalg.norm(q - first, axis=1)
+    while len(taken) < count:
+        taken.append(q[int(distance.argmax())])
+        distance = np.minimum(distance, np.linalg.norm(q - taken[-1], axis=1))
+    return np.stack(taken)
+
+
+CORES = os.cpu_count() or 1
+_POOL = ThreadPoolExecutor(max_workers=CORES)
+
+
+def at_once(calls: Sequence[Callable[[], T]]) -> list[T]:
+    """What some calls return, each made on a core of its own; those within a call are made one after another."""
+    if len(calls) == 1 or threading.current_thread() is not threading.main_thread():
+        return [call() for call in calls]
+    waiting = [_POOL.submit(call) for call in calls]
+    return [future.result() for future in waiting]
+
+
+def split(run: Callable[[slice], None], rows: int, *, least: int = 8) -> None:
+    """Runs a compiled kernel over slices of its rows, one a core; rows do not depend on one another."""
+    parts = max(1, min(CORES, rows // least))
+    bounds = np.linspace(0, rows, parts + 1).astype(int)
+    at_once([partial(run, slice(a, b)) for a, b in itertools.pairwise(bounds)])
