@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numba import njit
 
+from drake_hand.plans.tolerances import TORQUE_LENGTH
+
 EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
-TORQUE_LENGTH = 0.01
-"""Length by which torques are divided to weigh beside forces in the residual of a set that cannot balance, m."""
 
 _COLUMNS = EDGES + 2
 _EPS = 1e-9

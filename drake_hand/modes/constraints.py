@@ -22,12 +22,11 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.modes.corridor import Corridor, pose_of
 from drake_hand.modes.situation import object_of
+from drake_hand.plans.tolerances import ARM
 
 LIMITS = "joint limits"
 MINIMUM_DISTANCE = "minimum distance"
 """Description of the constraint on all pairs but fingertips in contact and the object."""
-ARM = 0.1
-"""m; a point this far from O turns a rotation of the object into a length, where distances of poses are weighed."""
 
 
 @dataclass(frozen=True, kw_only=True)

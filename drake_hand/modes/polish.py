@@ -22,6 +22,8 @@ _SPACING = 3e-3
 """m between the places where a finger is tried, if none are given."""
 _APART = 6e-3
 """m between places tried one after the other: what is nearer to one is found from it."""
+_REACHED = 1e-6
+"""m; a place that is missed by less is reached."""
 _LOOKED_AT = 24
 """Places nearest to reach whose postures are looked at for collisions before the best are tried."""
 
@@ -93,9 +95,9 @@ def set_down(
         X_WO: (4, 4) where the object is.
         p_OC: tip centre (3,) of every finger in contact, m; they stay where they are on the object.
         corridor: where the object may go for it.
-        places: (M, 3) tip centres in O to try; all over the surface if not given.
+        places: (M, 3) tip centres in O to try, the most welcome first; all over the surface if not given.
         range_: how far along either tangent the finger may be from such a place, m.
-        tries: places to solve for, those nearest to the finger's reach first.
+        tries: places to solve for at most, those within the finger's reach, or nearest to it, first.
         options: of the constraint sets.
 
     Returns:
@@ -111,7 +113,7 @@ def set_down(
         raise InputError(f"finger '{finger}' already touches", found=mode.code, expected="a mode in which it is free")
     after, options = mode.replace(index, Submodel.ROLL), options or IkOptions()
     failures = []
-    for place, posture in _places(scene, finger, q, X_WO, p_OC, places, options)[:tries]:
+    for place, posture in _places(scene, finger, q, X_WO, p_OC, places, tries, options):
         try:
             return polish(
                 scene,
@@ -135,6 +137,7 @@ def _places(
     X_WO: np.ndarray,
     p_OC: Mapping[str, np.ndarray],
     places: np.ndarray | None,
+    tries: int,
     options: IkOptions,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Where to try, the best first: tip centre (3,) and posture (nq,) with the finger as near to it as it gets."""
@@ -143,6 +146,7 @@ def _places(
         p_OS, nhat_O = Surface.of(object_of(scene)).sample(_SPACING)
         places = p_OS + f.radius * nhat_O
     found, missing = FingerKinematics.of(scene.hand, f).ik(places @ X_WO[:3, :3].T + X_WO[:3, 3])
+    missing[missing < _REACHED] = 0.0
     scored: list[tuple[float, np.ndarray, np.ndarray]] = []
     for i in np.argsort(missing, kind="stable"):
         if any(np.linalg.norm(places[i] - place) < _APART for _, place, _ in scored):
@@ -153,9 +157,9 @@ def _places(
         pairs = scene.clearances(options.clearance, exclude=[*p_OC, finger])
         short = max((options.clearance - d for a, b, d in pairs if a in f.links or b in f.links), default=0.0)
         scored.append((float(missing[i]) + short, places[i], posture))
-        if len(scored) == _LOOKED_AT:
+        if len(scored) == _LOOKED_AT or sum(not s[0] for s in scored) == tries:
             break
-    return [(place, posture) for _, place, posture in sorted(scored, key=lambda s: s[0])]
+    return [(place, posture) for _, place, posture in sorted(scored, key=lambda s: s[0])[:tries]]
 
 
 def _clear(scene: Scene, at: ModeSolution, clearance: float) -> bool:

@@ -73,6 +73,8 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
         result = SnoptSolver().Solve(program.prog, None, options)
         positions = result.GetSolution(program.ik.q())
         q, X_WO = program.commanded(positions), program.pose(positions)
+        within = np.clip(q, program.scene.hand.q_lower, program.scene.hand.q_upper)
+        q = np.where(np.abs(within - q) <= TOLERANCE, within, q)  # SNOPT's bounds have a tolerance of their own
         if find_violations(program, q, X_WO):
             fixed = {name: p_OC for name, p_OC in program.p_OC.items() if name not in program.on_surface}
             q = reach(program.scene.hand, X_WO, fixed, q)

@@ -108,6 +108,16 @@ def test_the_object_comes_to_the_finger(held, reachable_contacts) -> None:
     assert wide(held.X_WO).excess(found.X_WO) == pytest.approx((0, 0), abs=1e-5)
 
 
+def test_places_are_tried_in_the_order_given(held, reachable_contacts) -> None:
+    places = reachable_contacts(held.scene, held.X_WO, 6e-3)["ring"]
+    arguments = (held.scene, held.mode, "ring", held.q, held.X_WO, held.p_OC)
+    chosen = []
+    for order in (places, places[::-1]):
+        found = set_down(*arguments, corridor=wide(held.X_WO), places=order, range_=0.0)
+        chosen.append(int(np.linalg.norm(places - found.p_OC["ring"], axis=1).argmin()))
+    assert chosen[0] < chosen[1]
+
+
 def test_a_finger_that_touches_cannot_be_set_down(held) -> None:
     with pytest.raises(InputError, match="already touches"):
         set_down(held.scene, held.mode, "thumb", held.q, held.X_WO, held.p_OC, corridor=wide(held.X_WO))
