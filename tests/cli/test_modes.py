@@ -128,4 +128,5 @@ def test_the_predicates_along_a_plan(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run(["modes", "--plan", str(file)]) == 1
     out = capsys.readouterr().out
     assert "inv(00111) is FALSE" in out
+    assert "contact[thumb tip on pencil" in out
     assert "NOT all hold" in out
