@@ -8,8 +8,9 @@ from time import perf_counter
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from drake_hand.contact.equilibrium import TORQUE_LENGTH, margins
+from drake_hand.contact.equilibrium import margins
 from drake_hand.contact.forces import balance_forces
+from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 FRICTION, RADIUS, F_MAX, WEIGHT = 0.45, 3e-4, 1.0, np.array([0.0, 0.0, -0.15])
 

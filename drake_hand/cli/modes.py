@@ -1,4 +1,4 @@
-"""`drake-hand modes`: explains a mode, or lists and draws the automaton."""
+"""`drake-hand modes`: explains a mode, lists and draws the automaton, or judges a plan by its predicates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from drake_hand.cli.modes_plan import judge_plan
 from drake_hand.cli.output import print_json, print_table
 from drake_hand.contact.submodel import JointCount, finger_mechanism, hand_mechanism
 from drake_hand.files import load, resolve
@@ -21,14 +22,26 @@ def modes(
     /,
     *,
     hand: Annotated[str, Parameter(help="Bundled hand or path of a hand.yaml.")] = "kanguera",
+    plan: Annotated[Path | None, Parameter(help="Evaluate the predicates along this plan file.")] = None,
     graph: Annotated[Path | None, Parameter(help="Draw all modes into this .svg, .png or .pdf.")] = None,
     json: Annotated[bool, Parameter(help="Print one JSON object.")] = False,
-) -> None:
+) -> int:
     """Explain a mode, or list the hybrid automaton.
 
     A mode code has a digit per finger, little finger first, thumb last: 0 free, 1 rolling, 2 sliding. 00111 is
     three fingers rolling. With --graph and a code, the switches of that mode are drawn strong.
+
+    With --plan, init, inv, contact and jump are evaluated along a plan, of one mode or of all that it visits: for every
+    clause its worst value, and where. Exit status: 0 all hold, 1 one does not, 2 wrong input.
+
+    ```console
+    $ drake-hand modes 00111
+    $ drake-hand modes 11111 --plan spin.plan.json
+    $ drake-hand modes --graph modes.svg
+    ```
     """
+    if plan is not None:
+        return judge_plan(plan, code, json=json)
     automaton, joints = _outline(hand)
     mode = None if code is None else automaton.mode(code)
     answer = _describe(automaton, joints, hand) if mode is None else _explain(mode, automaton, joints, hand)
@@ -44,6 +57,7 @@ def modes(
         _print_automaton(answer, automaton)
     else:
         _print_mode(answer, automaton, mode)
+    return 0
     if graph is not None and not json:
         print(f"\ndrawn: {graph}")
 

@@ -35,7 +35,8 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
         table.add_column(name.rstrip(">"), justify="right" if name.endswith(">") else "left", overflow="fold")
     for row in rows:
         table.add_row(*(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row))
-    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+    # names such as contact[thumb tip on pencil] are no markup
+    Console(width=None if sys.stdout.isatty() else WIDTH, markup=False).print(table)
 
 
 def report_error(e: DrakeHandError, as_json: bool) -> int:

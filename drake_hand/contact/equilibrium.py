@@ -8,10 +8,10 @@ import numpy as np
 
 from drake_hand.compiled import njit
 
+from drake_hand.plans.tolerances import TORQUE_LENGTH
+
 EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
-TORQUE_LENGTH = 0.01
-"""Length by which torques are divided to weigh beside forces in the residual of a set that cannot balance, m."""
 
 _COLUMNS = EDGES + 2
 _EPS = 1e-9

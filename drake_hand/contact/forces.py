@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.chain import skew, solve_least_squares
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
+from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 SHORTFALL_COST = 25.0
 """Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it."""
@@ -120,8 +121,8 @@ def balance_forces(
     on = place[knot] >= 0
     G = np.zeros((A, 6, 4))
     G[:, :3, :3] = np.eye(3)
-    G[:, 3:, :3] = skew(p_WP[knot, contact] - p_WCom[knot]) / 0.01
-    G[:, 3:, 3] = normal * torsion_radius / 0.01
+    G[:, 3:, :3] = skew(p_WP[knot, contact] - p_WCom[knot]) / TORQUE_LENGTH
+    G[:, 3:, 3] = normal * torsion_radius / TORQUE_LENGTH
     variable = np.concatenate([columns, twist[:, None]], axis=1)
     r = (6 * place[knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
     c = np.broadcast_to(variable[:, None, :], (A, 6, 4))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from drake_hand.contact.submodel import Submodel
 from drake_hand.model.hand import Hand
-from drake_hand.modes.clauses import Clauses, Tolerances
+from drake_hand.modes.clauses import Clauses
 from drake_hand.modes.code import Mode, all_modes, contact_counts
 from drake_hand.modes.predicate import Clause, Predicate
 from drake_hand.modes.switch import EVENT_KINDS, Event, Switch, switches
@@ -29,11 +29,10 @@ class Automaton:
     object_name: str
     model: Literal["rolling", "pivot"] = "rolling"
     """What rolling means."""
-    tolerances: Tolerances = field(default_factory=Tolerances)
 
     @classmethod
     def of(cls, hand: Hand, object_name: str, *, model: Literal["rolling", "pivot"] = "rolling") -> Automaton:
-        """The automaton of a hand and an object, with default tolerances."""
+        """The automaton of a hand and an object."""
         return cls(
             fingers=tuple(f.name for f in hand.fingers), joints=hand.joints, object_name=object_name, model=model
         )
@@ -113,4 +112,4 @@ class Automaton:
 
     @property
     def _clauses(self) -> Clauses:
-        return Clauses(object_name=self.object_name, model=self.model, tolerances=self.tolerances)
+        return Clauses(object_name=self.object_name, model=self.model)

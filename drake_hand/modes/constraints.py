@@ -1,4 +1,4 @@
-"""A mode's constraint set as a Drake InverseKinematics program: built here, solved apart."""
+"""A mode's constraint set as a Drake InverseKinematics program in joints and object pose: built here, solved apart."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from pydrake.solvers import BoundingBoxConstraint, LinearEqualityConstraint, Mat
 from pydrake.systems.framework import Context
 from scipy.optimize import least_squares
 
-from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
+from drake_hand.modes.corridor import Corridor, pose_of
 from drake_hand.modes.situation import object_of
+from drake_hand.plans.tolerances import ARM
 
 LIMITS = "joint limits"
 MINIMUM_DISTANCE = "minimum distance"
@@ -31,6 +33,8 @@ MINIMUM_DISTANCE = "minimum distance"
 class IkOptions:
     """What is asked beyond the mode itself."""
 
+    distances: bool = True
+    """Whether minimum distances are asked for; without them a program is several times as quick."""
     clearance: float = 5e-4
     """Between all pairs but fingertips in contact and the object, m."""
     influence: float = 5e-3
@@ -41,20 +45,24 @@ class IkOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeProgram:
-    """The inverse kinematics of a mode at one object pose, ready to be solved by `solve_ik`."""
+    """The inverse kinematics of a mode, ready to be solved by `solve_ik`."""
 
     scene: Scene
     mode: Mode
     X_WO: np.ndarray
-    """(4, 4)."""
+    """(4, 4) object pose to start from."""
+    corridor: Corridor
+    """Where the object may be."""
     p_OC: dict[str, np.ndarray]
     """(3,) tip centres asked for, on the expanded surface."""
+    on_surface: dict[str, float]
+    """Fingers whose tip centre may be elsewhere on the expanded surface, and how far along either tangent, m."""
     q_guess: np.ndarray
     """(nq,) rad."""
     options: IkOptions
     ik: InverseKinematics = field(repr=False)
-    context: Context = field(repr=False)
-    """Root context, with the mode's collision filter."""
+    context: Context | None = field(repr=False)
+    """Root context, with the mode's collision filter; none without distances."""
 
     @property
     def prog(self) -> MathematicalProgram:
@@ -70,6 +78,15 @@ class ModeProgram:
         """The hand's q (nq,) among all positions of the plant (n,)."""
         return positions[_columns(self.scene, self.scene.hand.joints)]
 
+    def pose(self, positions: np.ndarray) -> np.ndarray:
+        """The object's X_WO (4, 4) among all positions of the plant (n,)."""
+        return pose_of(positions[_pose_columns(self.scene)])
+
+    def positions(self, q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
+        """All positions of the plant (n,) for the hand's q (nq,) and the object's pose (4, 4)."""
+        self.scene.set(q, X_WO)
+        return self.scene.plant.GetPositions(self.scene.plant_context)
+
 
 def build_ik(
     scene: Scene,
@@ -77,20 +94,26 @@ def build_ik(
     X_WO: np.ndarray,
     contacts: Mapping[str, np.ndarray],
     *,
+    corridor: Corridor | None = None,
+    on_surface: Mapping[str, float] | None = None,
     q_guess: np.ndarray | None = None,
     options: IkOptions | None = None,
 ) -> ModeProgram:
-    """Builds the inverse kinematics of a mode.
+    """Builds the inverse kinematics of a mode, in the joints and the object's pose.
 
     A rolling finger's tip centre is held at a point of the object's surface expanded by the tip's radius; a sliding
     one's stays on that surface, within a range along the tangents at the point; all else stays clear. Drake adds joint
-    limits and couplings. The object's pose is given; of all postures the one nearest to the guess is asked for.
+    limits and couplings. Of all configurations the one nearest to the guess is asked for: joints in rad, the object's
+    rotation in rad, and its position in units of `ARM`.
 
     Args:
         scene: hand and object.
         mode: of the hand.
-        X_WO: (4, 4) object pose.
+        X_WO: (4, 4) object pose to start from.
         contacts: tip centre p_OC (3,) of every finger in contact, m; the expanded surface's nearest point is meant.
+        corridor: where the object may be; at `X_WO` and nowhere else if not given.
+        on_surface: fingers in contact that may touch elsewhere than at their point, and how far along either tangent,
+            m (infinite: anywhere on the surface). Sliding ones that are not named have the options' range.
         q_guess: (nq,) posture to start from, rad; if not given, fingers in contact start where they come nearest to
             their contact, free ones at home.
         options: clearance and ranges.
@@ -99,40 +122,51 @@ def build_ik(
         InputError: contacts do not fit the mode, or an array has the wrong shape or is not finite.
     """
     options = options or IkOptions()
-    hand, surface = scene.hand, Surface.of(object_of(scene))
+    hand, object_ = scene.hand, object_of(scene)
+    surface = Surface.of(object_)
     scene.set(hand.q_home if q_guess is None else q_guess, X_WO)
     _check_contacts(hand, mode, contacts)
+    corridor = corridor or Corridor(X_WO=X_WO)
     touching = [hand.fingers[i] for i in mode.touching]
     p_OC = {f.name: _onto(surface, contacts[f.name], f.radius) for f in touching}
+    sliding = {f.name: options.slide_range for f in touching if mode.submodels[f.index] is Submodel.SLIDE}
+    moving = sliding | dict(on_surface or {})
     if q_guess is None:
         q_guess = reach(hand, X_WO, p_OC, hand.q_home)
         scene.set(q_guess, X_WO)
     positions = scene.plant.GetPositions(scene.plant_context)
 
-    context = scene.diagram.CreateDefaultContext()
-    plant_context = scene.plant.GetMyMutableContextFromRoot(context)
-    scene.plant.SetPositions(plant_context, positions)
-    _let_touch(scene, context, touching)
-    ik = InverseKinematics(scene.plant, plant_context)
+    context = None
+    if options.distances:
+        context = scene.diagram.CreateDefaultContext()
+        plant_context = scene.plant.GetMyMutableContextFromRoot(context)
+        scene.plant.SetPositions(plant_context, positions)
+        _let_touch(scene, context, touching)
+        ik = InverseKinematics(scene.plant, plant_context)
+    else:
+        ik = InverseKinematics(scene.plant)
     _describe_what_drake_added(scene, ik)
-    first = scene.object_body.floating_positions_start()
-    pose = slice(first, first + 7)
-    fixed = ik.prog().AddBoundingBoxConstraint(positions[pose], positions[pose], ik.q()[pose])
-    fixed.evaluator().set_description(f"pose[{object_of(scene).name}]")
+    pose = _pose_columns(scene)
+    corridor.constrain(ik.prog(), ik.q()[pose], positions[pose], object_.name)
     for finger in touching:
-        if mode.submodels[finger.index] is Submodel.ROLL:
-            _hold_point(scene, ik, finger, p_OC[finger.name])
+        if finger.name in moving:
+            _stay_on(scene, ik, finger, p_OC[finger.name], moving[finger.name])
         else:
-            _stay_on(scene, ik, finger, p_OC[finger.name], X_WO, options.slide_range)
-    apart = ik.AddMinimumDistanceLowerBoundConstraint(options.clearance, options.influence)
-    apart.evaluator().set_description(MINIMUM_DISTANCE)
-    ik.prog().AddQuadraticErrorCost(np.eye(len(positions)), positions, ik.q())
+            _hold_point(scene, ik, finger, p_OC[finger.name])
+    if options.distances:
+        apart = ik.AddMinimumDistanceLowerBoundConstraint(options.clearance, options.influence)
+        apart.evaluator().set_description(MINIMUM_DISTANCE)
+    weights = np.ones(len(positions))
+    weights[pose] = np.repeat([4.0, ARM**-2], [4, 3])  # an angle is twice as far as its quaternion
+    ik.prog().AddQuadraticErrorCost(np.diag(weights), positions, ik.q())
     ik.prog().SetInitialGuess(ik.q(), positions)
     return ModeProgram(
         scene=scene,
         mode=mode,
         X_WO=X_WO,
+        corridor=corridor,
         p_OC=p_OC,
+        on_surface=moving,
         q_guess=q_guess,
         options=options,
         ik=ik,
@@ -185,6 +219,11 @@ def _columns(scene: Scene, joints: tuple[str, ...]) -> list[int]:
     return [scene.plant.GetJointByName(j, scene.hand_model).position_start() for j in joints]
 
 
+def _pose_columns(scene: Scene) -> slice:
+    first = scene.object_body.floating_positions_start()
+    return slice(first, first + 7)
+
+
 def _let_touch(scene: Scene, context: Context, fingers: list[Finger]) -> None:
     """Takes the tips in contact with the object out of the distances, in this context only."""
     plant = scene.plant
@@ -218,26 +257,36 @@ def _hold_point(scene: Scene, ik: InverseKinematics, finger: Finger, p_OC: np.nd
     binding.evaluator().set_description(contact_name(finger.name, scene))
 
 
-def _stay_on(
-    scene: Scene, ik: InverseKinematics, finger: Finger, p_OC: np.ndarray, X_WO: np.ndarray, range_: float
-) -> None:
-    """Sliding: the tip touches, and its centre has moved from `p_OC` by s1 and s2 along the tangents there."""
+def _stay_on(scene: Scene, ik: InverseKinematics, finger: Finger, p_OC: np.ndarray, range_: float) -> None:
+    """The tip touches, and its centre has moved from `p_OC` by s1 and s2 along the tangents there."""
     surface, kinematics = Surface.of(object_of(scene)), FingerKinematics.of(scene.hand, finger)
-    R_WO, p_WO, r = X_WO[:3, :3], X_WO[:3, 3], finger.radius
+    m, r = len(finger.joints), finger.radius
     tangents = np.concatenate(surface.tangents(surface.closest(p_OC[None])[1]))
 
     def gap_s1_s2(x: np.ndarray) -> np.ndarray:
         with_gradient = x.dtype == object
-        q = (ExtractValue(x) if with_gradient else x).reshape(1, -1)
-        p_WC, _, J, _ = kinematics.jacobian(q)
-        now_OC = (p_WC - p_WO) @ R_WO
+        values = ExtractValue(x).ravel() if with_gradient else x
+        X_WO, quaternion = pose_of(values[m:]), values[m : m + 4]
+        R_WO = X_WO[:3, :3]
+        p_WC, _, J, _ = kinematics.jacobian(values[None, :m])
+        now_OC = (p_WC - X_WO[:3, 3]) @ R_WO
         _, nhat_O, distance = surface.closest(now_OC)
         value = np.concatenate([distance - r, tangents @ (now_OC[0] - p_OC)])
         if not with_gradient:
             return value
-        gradient = np.concatenate([nhat_O, tangents]) @ R_WO.T @ J[0]
+        # what turns in O by w is carried by -w x p
+        turn = skew(now_OC[0]) @ R_WO.T @ _turn_by_quaternion(quaternion)
+        rate = np.hstack([R_WO.T @ J[0], turn, -R_WO.T])
+        gradient = np.concatenate([nhat_O, tangents]) @ rate
         return InitializeAutoDiff(value, gradient @ ExtractGradient(x)).ravel()
 
     bound = np.array([0.0, range_, range_])
-    variables = ik.q()[_columns(scene, finger.joints)]
+    columns = _columns(scene, finger.joints)
+    variables = np.concatenate([ik.q()[columns], ik.q()[_pose_columns(scene)]])
     ik.prog().AddConstraint(gap_s1_s2, -bound, bound, variables, contact_name(finger.name, scene))
+
+
+def _turn_by_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """(3, 4) from the rate of a quaternion, of any length, to the angular velocity in W."""
+    w, x, y, z = quaternion
+    return 2 / (quaternion @ quaternion) * np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from drake_hand.modes.situation import Situation
+import numpy as np
+
+from drake_hand.modes.measured import Measured, Where
 
 SHOWN = {"": 1.0, "mm": 1e3, "mm/s": 1e3, "deg": math.degrees(1), "deg/s": math.degrees(1)}
 """Factor from SI to the unit a clause is printed in."""
@@ -27,21 +28,32 @@ class Clause:
     """SI."""
     unit: str
     """It is printed in, a key of `SHOWN`."""
-    measure: Callable[[Situation], tuple[float, str]]
-    """The quantity, SI, and where it is found (a joint, a pair of bodies), if anywhere in particular."""
+    measure: Callable[[Measured], np.ndarray | tuple[np.ndarray, Where]]
+    """The quantity, SI, and where it is found (a joint, a pair of bodies) if that is not in the name; a row per state
+    where the states are in rows."""
 
-    def __call__(self, situation: Situation) -> Finding:
-        """Evaluates the clause."""
-        value, where = self.measure(situation)
+    def __call__(self, measured: Measured) -> Finding:
+        """Evaluates the clause; of states in rows, the worst counts."""
+        found = self.measure(measured)
+        values, where = found if isinstance(found, tuple) else (found, "")
+        values = np.atleast_1d(values)
+        row = int(np.argmax(values) if self.relation == "<=" else np.argmin(values))  # a NaN is the worst of all
+        value = float(values[row])
         holds = value <= self.limit if self.relation == "<=" else value >= self.limit
-        return Finding(clause=self, value=value, where=where, holds=bool(holds))
+        if not isinstance(where, str):
+            where = str(where[row])
+        return Finding(clause=self, value=value, where=where, row=row, holds=bool(holds))
 
     def __str__(self) -> str:
         return f"{self.name}: {self.formula} {self.relation} {self.shown(self.limit)}"
 
     def shown(self, value: float) -> str:
         """A value of this clause in the unit it is printed in."""
-        return f"{value * SHOWN[self.unit]:.4g} {self.unit}".rstrip()
+        return f"{self.in_unit(value):.4g} {self.unit}".rstrip()
+
+    def in_unit(self, value: float) -> float:
+        """A value of this clause, from SI to the unit it is printed in."""
+        return value * SHOWN[self.unit] + 0.0  # no -0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +64,8 @@ class Finding:
     value: float
     """SI."""
     where: str
+    row: int = 0
+    """In which of the states, where there are several."""
     holds: bool
 
     @property
@@ -60,11 +74,15 @@ class Finding:
         excess = self.value - self.clause.limit
         return max(0.0, excess if self.clause.relation == "<=" else -excess)
 
-    def __str__(self) -> str:
+    @property
+    def said(self) -> str:
+        """The clause with the value found: ``contact[index tip on pencil]: |gap| = 0.3 mm <= 0.1 mm``."""
         c = self.clause
         where = f"  ({self.where})" if self.where else ""
-        verdict = "holds" if self.holds else "FAILS"
-        return f"{verdict}  {c.name}: {c.formula} = {c.shown(self.value)} {c.relation} {c.shown(c.limit)}{where}"
+        return f"{c.name}: {c.formula} = {c.shown(self.value)} {c.relation} {c.shown(c.limit)}{where}"
+
+    def __str__(self) -> str:
+        return f"{'holds' if self.holds else 'FAILS'}  {self.said}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +112,9 @@ class Predicate:
     """``inv(00111)``."""
     clauses: tuple[Clause, ...]
 
-    def __call__(self, situation: Situation) -> Verdict:
+    def __call__(self, measured: Measured) -> Verdict:
         """Evaluates all clauses."""
-        return Verdict(predicate=self.name, findings=tuple(clause(situation) for clause in self.clauses))
+        return Verdict(predicate=self.name, findings=tuple(clause(measured) for clause in self.clauses))
 
     def __str__(self) -> str:
         return "\n".join([self.name, *(f"  {c}" for c in self.clauses or ("true",))])

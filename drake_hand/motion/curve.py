@@ -9,13 +9,13 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from drake_hand.plans.path import Leg, Path
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH
 from drake_hand.plans.trajectory import poses, quaternions
 
 INERTIA_SHARE = 0.005
 """Largest force along one axis that moving the object may take in plans with contact forces, in weights (torque: in
 weights x 10 mm). Those forces balance gravity; this leaves most of the certificate's tolerance to them."""
 
-_G, _TORQUE_LENGTH = 9.81, 0.01
 _GRID = 201
 
 
@@ -34,7 +34,7 @@ class Limits:
     @property
     def weight(self) -> float:
         """The object's on earth, N."""
-        return self.mass * _G
+        return self.mass * STANDARD_GRAVITY
 
     @classmethod
     def of(cls, path: Path) -> Limits:
@@ -43,9 +43,9 @@ class Limits:
         mass = path.task.physics.object_mass_kg or body.mass
         speed, acceleration = path.hand.speed, path.hand.acceleration
         if any(leg.f_W for leg in path.legs):
-            force = INERTIA_SHARE * mass * _G
+            force = INERTIA_SHARE * mass * STANDARD_GRAVITY
             speed = np.concatenate([speed, np.full(6, np.inf)])
-            acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * _TORQUE_LENGTH)])
+            acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * TORQUE_LENGTH)])
         return cls(
             speed=speed,
             acceleration=acceleration,
@@ -96,6 +96,10 @@ class Curve:
 
     def rates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k, m) first and second derivatives in s of the limited coordinates: joints and integral of `momentum`.
+
+        Joint rates are those of the splines, which is what joints are commanded to do and what their limits are about.
+        The kinematics of `drake_hand.contact.kinematics` give the rates that would keep every contact exactly: along a
+        full turn of the pencil they are 5e-5 rad/s off these, and say nothing about free fingers.
 
         With that integral as a coordinate, force and torque on the object, d(momentum ds/dt)/dt, are an acceleration
         like a joint's. It is left out where the plan has no forces.

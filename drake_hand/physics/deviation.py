@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Object
+from drake_hand.modes.code import Mode
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
 from drake_hand.verify.goal import step_goal
@@ -71,7 +73,8 @@ def slips(t: np.ndarray, X_WO: np.ndarray, slip_W: np.ndarray, part: np.ndarray,
         plan: tells which contacts roll.
     """
     out = []
-    rolling = np.array([[digit == "1" for digit in mode] for mode in plan.modes])[part]
+    modes = [Mode.parse(code, plan.fingers) for code in plan.modes]
+    rolling = np.array([[s is Submodel.ROLL for s in mode.submodels] for mode in modes])[part]
     slip_O = np.einsum("kji,kfj->kfi", X_WO[:, :3, :3], slip_W)
     for f, finger in enumerate(plan.fingers):
         edges = np.flatnonzero(np.diff(np.r_[False, rolling[:, f], False].astype(int)))

@@ -20,6 +20,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.run import Record, Run, judge
 from drake_hand.physics.simulation import ContactKind, Perturbation, Physics
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
 
@@ -224,7 +225,7 @@ def hold_windows(plan: Plan) -> list[tuple[float, float]]:
         InputError: the fingers never hold the object for a while.
     """
     options, weight_W = plan.task.options, plan.object_mass_kg * np.array(plan.task.physics.gravity)
-    tolerance = 0.02 * 9.81 * plan.object_mass_kg
+    tolerance = UNBALANCED_SHARE * STANDARD_GRAVITY * plan.object_mass_kg
     windows = []
     for _, parts in itertools.groupby(plan.parts, key=lambda part: bool(part.contacts)):
         held = []

@@ -32,7 +32,7 @@ LIGHT = 0.2
 SLACK = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATED = 0.6e-4
-"""Torque that may be lost between knots, in weights of the object times m: a third of what the certificate tolerates."""
+"""Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
 WEIGHTLESS = 0.05
 """Gravity over that on earth below which an object floats."""
 

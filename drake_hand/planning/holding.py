@@ -12,6 +12,7 @@ from drake_hand.contact.equilibrium import margins
 from drake_hand.contact.forces import tip_stiffness
 from drake_hand.model.hand import Hand
 from drake_hand.planning.contact_sets import ContactSets
+from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 
 @dataclass(kw_only=True)
@@ -79,7 +80,7 @@ class Equilibrium:
         """
         self.tally = tally or Tally()
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
-        self.weight = 9.81 * mass
+        self.weight = STANDARD_GRAVITY * mass
         """Of the object on earth, N: what tolerances go by."""
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3

@@ -80,9 +80,7 @@ def poses(task: Task, clearance: Clearance, world: World, grid: Grid, rng: np.ra
         if not surface.symmetric_about(surface.long_axis, surface.centre):
             given = None
     points, normals = surface.sample(_SPACING)
-    near = np.abs((points - surface.centre) @ surface.long_axis) < _ALONG = 9
-"""Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
-_HALF_BREADTH
+    near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH
     points, normals = points[near], normals[near]
     pick = rng.permutation(len(points))[:_PROBES]
     points, normals = np.ascontiguousarray(points[pick]), np.ascontiguousarray(normals[pick])

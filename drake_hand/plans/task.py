@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from drake_hand.errors import InputError
 from drake_hand.files import load, resolve
+from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 SUFFIX = ".task.yaml"
 
@@ -99,7 +100,7 @@ class Physics(_Strict, frozen=True, kw_only=True):
     """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
 
     friction: Positive = 0.8
-    gravity: Vector | Literal["auto"] = (0.0, 0.0, -9.81)
+    gravity: Vector | Literal["auto"] = (0.0, 0.0, -STANDARD_GRAVITY)
     """``auto`` lets the planner choose how the palm is turned; the plan's task says what it chose."""
     object_mass_kg: Positive | None = None
 

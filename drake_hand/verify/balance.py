@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
 
-UNBALANCED_SHARE = 0.02
-"""Part of the object's weight that may stay unbalanced; torque: that force at 10 mm."""
-_G, _LENGTH = 9.81, 0.01
 _LEAST_FORCE = 1e-3
 """N; a contact pressed less than this has no friction to judge."""
 _SLIDING = 1e-4
@@ -94,8 +92,8 @@ def unbalanced(states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.nda
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     limit = body.torsion_radius * np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
     torque = _add_torsion(torque, n_W, limit)
-    tolerance = UNBALANCED_SHARE * body.mass * _G
-    return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / _LENGTH) / tolerance
+    tolerance = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
+    return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH) / tolerance
 
 
 def _add_torsion(torque: np.ndarray, n: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from drake_hand.verify.hold import check_hold
 from drake_hand.verify.joints import check_joints
 from drake_hand.verify.legality import check_modes
 from drake_hand.verify.observe import observe
+from drake_hand.verify.predicates import Judgement, check_predicates, judge
 
 
 def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
@@ -42,6 +43,8 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
       weight (torque: that weight at 10 mm).
     - ``goal_position_mm``, ``goal_rotation_deg``: off the start pose or a step's goal, winding counted.
     - ``mode``: number of violations in the walk through the automaton.
+    - ``init``, ``inv``, ``contact``, ``jump``: how many clauses of the automaton's predicates fail: at the start, while
+      each mode lasts, of velocities at the contacts, and at switches.
 
     Force fields are null for ``hold: kinematic``. The weight of the hand's own links is not part of the joint torques.
 
@@ -53,18 +56,14 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     Raises:
         InputError: the plan is malformed, or was made for another hand or object than the one found.
     """
-    plan.validate()
-    hand = scene.hand if scene else Hand.load(plan.task.hand)
-    object_ = Object.load(plan.task.object)
-    check_models(plan, hand, object_)
-    if scene is None:
-        scene = Scene(hand, object_, object_mass=plan.object_mass_kg)
+    scene = _scene(plan, scene)
     findings = Findings()
     trajectory = Trajectory(plan)
     check_modes(plan, findings)
-    check_joints(trajectory, hand, findings)
+    check_joints(trajectory, scene.hand, findings)
     seen = observe(trajectory, scene, progress)
     check_contacts(seen, plan, findings)
+    check_predicates(seen, plan, scene, findings)
     stages = check_goal(plan.task, seen.states, findings)
     check_hold(seen, plan, scene, stages, findings)
     return Certificate(
@@ -74,6 +73,29 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
         failures=findings.failures,
         plan_hash=plan.hash,
     )
+
+
+def predicates_along(plan: Plan, *, progress: Callable[[float], None] | None = None) -> list[Judgement]:
+    """Every clause of the automaton's predicates along a plan, with its worst value and where that is.
+
+    Args:
+        plan: the plan.
+        progress: told the share done, now and then.
+
+    Raises:
+        InputError: as `certify`.
+    """
+    scene = _scene(plan, None)
+    return list(judge(observe(Trajectory(plan), scene, progress), plan, scene))
+
+
+def _scene(plan: Plan, scene: Scene | None) -> Scene:
+    """Hand and object of a plan, loaded if not given, after seeing that plan and models fit."""
+    plan.validate()
+    hand = scene.hand if scene else Hand.load(plan.task.hand)
+    object_ = Object.load(plan.task.object)
+    check_models(plan, hand, object_)
+    return scene or Scene(hand, object_, object_mass=plan.object_mass_kg)
 
 
 def check_models(plan: Plan, hand: Hand, object_: Object) -> None:

@@ -6,11 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_hand.contact.submodel import Submodel
 from drake_hand.plans.plan import Plan
-from drake_hand.verify.findings import TOLERANCES, Findings
+from drake_hand.plans.tolerances import TOLERANCES
+from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import Observed
 
-FREE, ROLL, SLIDE = 0, 1, 2
+FREE, ROLL, SLIDE = Submodel
 
 
 def check_contacts(seen: Observed, plan: Plan, findings: Findings) -> None:

@@ -1,4 +1,4 @@
-"""Certificate fields, their tolerances, and the worst of many values."""
+"""Certificate fields and the worst of many values."""
 
 from __future__ import annotations
 
@@ -8,28 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_hand.plans.plan import Worst
-
-TOLERANCES = {
-    "contact_mm": 0.1,
-    "slip_mm": 0.5,
-    "penetration_mm": 0.0,
-    "limit_margin_rad": 0.0,
-    "speed_ratio": 1.0,
-    "acceleration_ratio": 1.0,
-    "rest_speed_rad_s": 1e-3,
-    "joint_jump_rad": 1e-4,
-    "object_jump_mm": 1e-2,
-    "drift_mm": 1e-2,
-    "force_margin": 0.0,
-    "effort_ratio": 1.0,
-    "balance_ratio": 1.0,
-    "goal_position_mm": 0.1,
-    "goal_rotation_deg": 0.1,
-    "mode": 0.0,
-}
-"""Limits of the fields. `contacts`, the least number of fingers that hold, is limited by the task's min_contacts."""
-AT_LEAST = {"limit_margin_rad", "force_margin", "contacts"}
-"""Fields whose value must not be below the limit; all others must not be above."""
+from drake_hand.plans.tolerances import AT_LEAST, TOLERANCES
 
 
 @dataclass

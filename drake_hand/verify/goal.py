@@ -8,8 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import MoveTo, Pose, Step, Task
+from drake_hand.plans.tolerances import TOLERANCES
 from drake_hand.plans.trajectory import States
-from drake_hand.verify.findings import TOLERANCES, Findings
+from drake_hand.verify.findings import Findings
 
 MOVES = ("rotate", "translate", "move_to", "push")
 """Kinds of steps after which the object is elsewhere."""

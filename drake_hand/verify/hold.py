@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.model.scene import Scene
+from drake_hand.modes.measured import displacement
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Pose, Task
 from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import Stage
-from drake_hand.verify.joints import displacement
 from drake_hand.verify.observe import Observed
 
 _STILL = 1e-8

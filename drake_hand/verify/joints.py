@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.model.hand import Hand
+from drake_hand.modes.measured import displacement
 from drake_hand.plans.task import Pose
+from drake_hand.plans.tolerances import ARM
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 
-ARM = 0.1
-"""m; a point this far from O turns an object's rotation into a length, and its speed into a rate."""
 _PER_SEGMENT = 9
 
 
@@ -55,11 +55,3 @@ def _check_jumps(trajectory: Trajectory, hand: Hand, findings: Findings) -> None
         where = names + [f"{name}, commanded" for name in names]
         findings.add("joint_jump_rad", np.hstack(jump), t, after.part, where)
         findings.add("object_jump_mm", displacement(after.X_WO, before.X_WO) * 1000, t, after.part)
-
-
-def displacement(X: np.ndarray, X_from: np.ndarray) -> np.ndarray:
-    """(k,) how far a pose (k, 4, 4) is from another, m: shift of the origin plus rotation at `ARM`."""
-    shift = np.linalg.norm(X[:, :3, 3] - X_from[:, :3, 3], axis=1)
-    # the chord |R - R'| / sqrt 2 is the angle where it is small
-    turn = np.linalg.norm(X[:, :3, :3] - X_from[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
-    return shift + ARM * turn

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_hand.plans.plan import Plan
+from drake_hand.contact.submodel import Submodel
+from drake_hand.modes.code import Mode
+from drake_hand.modes.switch import switch
+from drake_hand.plans.plan import Part, Plan
 from drake_hand.plans.task import Pose
 from drake_hand.verify.findings import Findings
-
-_EVENTS = {"01": "make", "02": "make", "10": "break", "20": "break", "21": "stick", "12": "slip"}
 
 
 def check_modes(plan: Plan, findings: Findings) -> None:
@@ -20,31 +21,31 @@ def check_modes(plan: Plan, findings: Findings) -> None:
 
 
 def _violations(plan: Plan) -> list[tuple[int, str]]:
-    task, found = plan.task, []
+    task, found, modes = plan.task, [], [_mode(plan, part) for part in plan.parts]
     for i, part in enumerate(plan.parts):
         if task.options.modes is not None and part.mode not in task.options.modes:
             found.append((i, f"mode {part.mode} is not among options.modes"))
-        expected = _events(plan.parts[i - 1].mode, part.mode, plan.fingers) if i else []
+        changes = i and modes[i - 1] != modes[i]
+        expected = [str(e) for e in switch(modes[i - 1], modes[i], plan.fingers).events] if changes else []
         if sorted(part.events) != sorted(expected):
             found.append((i, f"events {part.events or 'none'} where the modes say {expected or 'none'}"))
         elif i and not expected:
             found.append((i, f"mode {part.mode} goes on as a new part without an event"))
     in_grasp = isinstance(task.start, Pose) and bool(task.start.joints_deg)
-    first, last = plan.parts[0].mode, plan.parts[-1].mode
-    if not in_grasp and first.strip("0"):
+    first, last = modes[0], modes[-1]
+    if not in_grasp and first.touching:
         found.append((0, f"starts in mode {first}, but nothing is grasped yet"))
-    if task.motion[-1].kind == "release" and last.strip("0"):
+    if task.motion[-1].kind == "release" and last.touching:
         found.append((len(plan.parts) - 1, f"ends in mode {last} after a release"))
     return found + _lets_go(plan) + _loads(plan) + _fingers(plan) + _slides(plan)
 
 
-def _events(before: str, after: str, fingers: list[str]) -> list[str]:
-    changes = zip(before, after, fingers, strict=True)
-    return [f"{_EVENTS[a + b]} {finger}" for a, b, finger in changes if a != b]
+def _mode(plan: Plan, part: Part) -> Mode:
+    return Mode.parse(part.mode, plan.fingers)
 
 
-def _touching(plan: Plan, mode: str) -> set[str]:
-    return {finger for finger, digit in zip(plan.fingers, mode, strict=True) if digit != "0"}
+def _touching(plan: Plan, part: Part) -> set[str]:
+    return {plan.fingers[i] for i in _mode(plan, part).touching}
 
 
 def _lets_go(plan: Plan) -> list[tuple[int, str]]:
@@ -52,7 +53,7 @@ def _lets_go(plan: Plan) -> list[tuple[int, str]]:
     kinds = [step.kind for step in plan.task.motion]
     if "push" in kinds:
         return []
-    empty = [i for i, part in enumerate(plan.parts) if not part.mode.strip("0")]
+    empty = [i for i, part in enumerate(plan.parts) if not _touching(plan, part)]
     allowed = kinds.count("release") + (0 in empty)
     return [(i, "lets go of the object, which the motion does not ask for") for i in empty[allowed:]]
 
@@ -78,9 +79,9 @@ def _fingers(plan: Plan) -> list[tuple[int, str]]:
     found = [
         (i, f"{', '.join(sorted(others))} not among the grasp's fingers")
         for i, part in enumerate(plan.parts)
-        if (others := _touching(plan, part.mode) - allowed)
+        if (others := _touching(plan, part) - allowed)
     ]
-    modes = [_touching(plan, part.mode) for part in plan.parts]
+    modes = [_touching(plan, part) for part in plan.parts]
     found += [(0, f"never grasps with {', '.join(sorted(s))} together") for s in sets if not any(s <= m for m in modes)]
     return found
 
@@ -88,5 +89,6 @@ def _fingers(plan: Plan) -> list[tuple[int, str]]:
 def _slides(plan: Plan) -> list[tuple[int, str]]:
     """Every finger that a step tells to slide does."""
     told = {s.slide.finger for s in plan.task.motion if s.slide}
-    sliding = {f for part in plan.parts for f, digit in zip(plan.fingers, part.mode, strict=True) if digit == "2"}
+    modes = {part.mode: _mode(plan, part) for part in plan.parts}.values()
+    sliding = {f for m in modes for f, s in zip(plan.fingers, m.submodels, strict=True) if s is Submodel.SLIDE}
     return [(0, f"{finger} never slides, as the motion asks") for finger in sorted(told - sliding)]

@@ -12,9 +12,10 @@ from matplotlib.patches import Patch
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
+from drake_hand.modes.code import Mode
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import States, Trajectory
-from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
+from drake_hand.view.colors import SUBMODEL, finger_color
 
 SAMPLES = 2000
 GAP_MM = 0.1
@@ -70,9 +71,9 @@ def draw_modes(plan: Plan) -> Figure:
                 annotation_clip=False,
             )
         ax.set_title(" ", fontsize=22)
-    shown = sorted({c for p in plan.parts for c in p.mode})
+    shown = sorted({s for p in plan.parts for s in Mode.parse(p.mode, plan.fingers).submodels})
     figure.legend(
-        handles=[Patch(color=SUBMODEL[c], label=SUBMODEL_NAME[c]) for c in shown],
+        handles=[Patch(color=SUBMODEL[s], label=s.word) for s in shown],
         loc="outside lower center",
         ncols=3,
         frameon=False,
@@ -83,8 +84,8 @@ def draw_modes(plan: Plan) -> Figure:
 def mode_timeline(ax: Axes, plan: Plan) -> None:
     """Draws the bars of the mode timeline into given axes, little finger at the bottom."""
     for part in plan.parts:
-        for row, code in enumerate(part.mode):
-            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL[code], linewidth=0)
+        for row, submodel in enumerate(Mode.parse(part.mode, plan.fingers).submodels):
+            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL[submodel], linewidth=0)
     ax.set_yticks(range(len(plan.fingers)), plan.fingers)
     ax.set_xlim(0, plan.duration)
     ax.tick_params(length=0)

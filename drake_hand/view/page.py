@@ -59,7 +59,7 @@ def add_panel(
         "rows": [_row(plan, i) for i in range(len(plan.fingers))],
     }
     template = Template(resources.files("drake_hand.view").joinpath("panel.html").read_text(encoding="utf-8"))
-    colors = {"free": SUBMODEL["0"], "roll": SUBMODEL["1"], "slide": SUBMODEL["2"]}
+    colors = {submodel.name.lower(): color for submodel, color in SUBMODEL.items()}
     panel = template.substitute(colors, data=json.dumps(data).replace("</", "<\\/"))
     before, end, after = html.rpartition("</body>")
     return f"{before}{panel}{end}{after}"

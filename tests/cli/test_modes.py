@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from drake_hand.cli import run
@@ -95,3 +96,37 @@ def test_text_form_imports_nothing_slow() -> None:
         "slow = {'pydrake', 'trimesh', 'matplotlib', 'yourdfpy', 'scipy'} & set(sys.modules); sys.exit(bool(slow))"
     )
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def test_the_predicates_along_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The paper's plan holds them all; with a thumb that leaves its contact for a moment it does not."""
+    from drake_hand import api
+
+    plan = api.solve("paper").plan
+    part = next(i for i, p in enumerate(plan.parts) if p.mode == "00111")
+    plan = msgspec.structs.replace(plan, parts=plan.parts[: part + 1])
+    file = tmp_path / "paper.plan.json"
+    plan.save(file)
+    assert run(["modes", "00111", "--plan", str(file), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["holds"]
+    names = [p["predicate"] for p in answer["predicates"]]
+    assert {"inv(00111)", "contact(00111)"} < set(names)
+    assert all("00111" in name for name in names)
+    gap = next(c for p in answer["predicates"] for c in p["clauses"] if c["clause"].startswith("contact[thumb"))
+    assert (gap["unit"], gap["limit"]) == ("mm", 0.1)
+    assert 0 <= gap["value"] < 0.01
+    assert gap["part"] == part
+
+    assert run(["modes", "22222", "--plan", str(file)]) == 2
+    assert "never in this mode" in capsys.readouterr().err
+
+    q = [list(row) for row in plan.parts[part].q]
+    q[len(q) // 2][plan.joints.index("thumb_mcp")] += 0.1
+    bent = msgspec.structs.replace(plan.parts[part], q=q)
+    msgspec.structs.replace(plan, parts=[*plan.parts[:part], bent]).save(file)
+    assert run(["modes", "--plan", str(file)]) == 1
+    out = capsys.readouterr().out
+    assert "inv(00111) is FALSE" in out
+    assert "contact[thumb tip on pencil" in out
+    assert "NOT all hold" in out

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from drake_hand.contact.equilibrium import EDGES, TORQUE_LENGTH, margins
+from drake_hand.contact.equilibrium import EDGES, margins
+from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value")  # numpy on arrays of Drake expressions
 

@@ -4,11 +4,9 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.kinematics import ObjectMotion, SubmodelKinematics, relative_angles, slip_velocity
-from drake_hand.contact.mode_kinematics import ModeKinematics
 from drake_hand.contact.rolling import roll
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
-from drake_hand.errors import InputError
 from drake_hand.model.object import Geometry
 
 FREE, ROLL, SLIDE = Submodel
@@ -268,73 +266,3 @@ def test_relative_angles_undo_a_known_turn(rng):
 
 
 # --- whole modes ------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def grasp(kanguera):
-    """A capsule across the hand, three poses of it, and for every finger a contact it can hold in all of them."""
-    surface = Surface((Geometry(kind="capsule", X_OG=np.eye(4), size=(0.012, 0.06)),))
-    R = Rotation.from_euler("x", 90, degrees=True).as_matrix()
-    X_WO = poses(np.tile(R, (3, 1, 1)), [0.055, 0.0, 0.11] + np.arange(3)[:, None] * [0.001, 0.0, 0.001])
-    p, n = surface.sample(0.004)
-    contacts = {}
-    for f in kanguera.fingers:
-        kinematics = FingerKinematics.of(kanguera, f)
-        p_OC = p + f.radius * n
-        reached = np.array([kinematics.ik(into_world(np.tile(X, (len(p), 1, 1)), p_OC))[1] for X in X_WO]).max(axis=0)
-        contacts[f.name] = np.tile(p_OC[np.argmin(reached)], (3, 1))
-        assert reached.min() < 1e-6
-    return surface, X_WO, contacts
-
-
-def test_a_mode_is_its_fingers_side_by_side(kanguera, grasp, rng):
-    surface, X_WO, contacts = grasp
-    mode = (SLIDE, FREE, ROLL, ROLL, ROLL)
-    kinematics = ModeKinematics.of(kanguera, surface, mode)
-    motion = ObjectMotion(X_WO=X_WO, V_WO=rng.normal(size=(3, 6)) * 0.02, A_WO=rng.normal(size=(3, 6)) * 0.1)
-    ring = FingerKinematics.of(kanguera, kanguera.finger("ring"))
-    tips = contacts | {"ring": ring.fk(np.tile(ring.lower + 0.3, (3, 1)))[0]}
-    given = {"little": rng.normal(size=(3, 2)) * 0.01, "ring": rng.normal(size=(3, 3)) * 0.01}
-    at = kinematics.positions(X_WO, tips)
-    v = kinematics.velocities(at.q, motion, given)
-    a = kinematics.accelerations(at.q, v.v, motion, given)
-    assert at.q.shape == v.v.shape == a.vdot.shape == (3, 15)
-    assert at.p_OC.shape == v.pdot_OC.shape == a.pddot_OC.shape == (3, 5, 3)
-    assert at.residual.max() < 1e-6
-    for i, (f, submodel) in enumerate(zip(kanguera.fingers, mode, strict=True)):
-        block = SubmodelKinematics(FingerKinematics.of(kanguera, f), surface, submodel)
-        c = f.columns
-        alone = block.velocities(at.q[:, c], motion, given.get(f.name))
-        np.testing.assert_allclose(v.v[:, c], alone.v)
-        np.testing.assert_allclose(v.pdot_OC[:, i], alone.pdot_OC)
-        alone = block.accelerations(at.q[:, c], v.v[:, c], motion, given.get(f.name))
-        np.testing.assert_allclose(a.vdot[:, c], alone.vdot)
-        if submodel.touches:
-            np.testing.assert_allclose(at.p_OC[:, i], tips[f.name], atol=1e-6)
-        else:
-            np.testing.assert_allclose(into_world(X_WO, at.p_OC[:, i]), tips[f.name], atol=1e-6)
-
-
-def test_free_fingers_without_orders_stay(kanguera, grasp):
-    surface, X_WO, contacts = grasp
-    kinematics = ModeKinematics.of(kanguera, surface, (FREE, FREE, ROLL, ROLL, ROLL), "pivot")
-    held = {name: contacts[name] for name in ("middle", "index", "thumb")}
-    at = kinematics.positions(X_WO, held)
-    np.testing.assert_allclose(at.q[:, :6], np.tile(kanguera.q_home[:6], (3, 1)))
-    elsewhere = np.tile(kanguera.q_home + 0.05, (3, 1))
-    np.testing.assert_allclose(kinematics.positions(X_WO, held, elsewhere).q[:, :6], elsewhere[:, :6])
-    motion = ObjectMotion(X_WO=X_WO, V_WO=np.full((3, 6), 0.01), A_WO=np.zeros((3, 6)))
-    v = kinematics.velocities(at.q, motion)
-    np.testing.assert_allclose(v.v[:, :6], 0)
-    np.testing.assert_allclose(v.pdot_OC[:, 2:], 0, atol=1e-9)
-
-
-def test_orders_that_make_no_sense_are_refused(kanguera, grasp):
-    surface, X_WO, contacts = grasp
-    kinematics = ModeKinematics.of(kanguera, surface, (FREE, FREE, FREE, FREE, ROLL))
-    with pytest.raises(InputError, match="thumb"):
-        kinematics.positions(X_WO, {"index": contacts["index"]})
-    with pytest.raises(InputError, match="toe"):
-        kinematics.positions(X_WO, contacts | {"toe": contacts["thumb"]})
-    with pytest.raises(InputError, match="toe"):
-        kinematics.velocities(np.zeros((3, 15)), ObjectMotion.at_rest(X_WO), {"toe": np.zeros((3, 3))})

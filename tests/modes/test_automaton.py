@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_hand.contact.kinematics import ObjectMotion
-from drake_hand.contact.mode_kinematics import ModeKinematics
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.kinematics import ObjectMotion, SubmodelKinematics
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
@@ -30,10 +30,14 @@ def situation(held, *, q=None, v=None, V_WO=None, X_WO=None, after=None) -> Situ
 
 def moving(held, code: str, model: str, V_WO: np.ndarray, imposed: dict | None = None) -> Situation:
     """The object moves, and the fingers as their submodels in this mode ask for."""
-    submodels = [Submodel(int(c)) for c in code]
-    kinematics = ModeKinematics.of(held.scene.hand, Surface.of(held.scene.object), submodels, model)
+    hand, surface = held.scene.hand, Surface.of(held.scene.object)
     motion = ObjectMotion(X_WO=held.X_WO[None], V_WO=V_WO[None], A_WO=np.zeros((1, 6)))
-    return situation(held, v=kinematics.velocities(held.q[None], motion, imposed).v[0], V_WO=V_WO)
+    v = np.zeros_like(held.q)
+    for finger, digit in zip(hand.fingers, code, strict=True):
+        block = SubmodelKinematics(FingerKinematics.of(hand, finger), surface, Submodel(int(digit)), model)
+        c = finger.columns
+        v[c] = block.velocities(held.q[None, c], motion, (imposed or {}).get(finger.name)).v[0]
+    return situation(held, v=v, V_WO=V_WO)
 
 
 def failed(verdict) -> list[str]:

@@ -8,6 +8,7 @@ from pydrake.solvers import SnoptSolver
 from drake_hand.errors import InputError
 from drake_hand.modes.code import Mode
 from drake_hand.modes.constraints import IkOptions, build_ik, reach
+from drake_hand.modes.corridor import Corridor
 from drake_hand.modes.situation import Situation, State
 
 
@@ -42,15 +43,25 @@ def test_couplings_and_limits_are_in_the_program(held) -> None:
 
 
 def test_sliding_constraint_has_the_gradient_it_says(held) -> None:
+    """In the finger's joints and in the object's pose, also where the quaternion is not of unit length."""
     program = build_ik(held.scene, mode(held, "00112"), held.X_WO, held.p_OC)
     (binding,) = [b for b in program.prog.GetAllConstraints() if "thumb tip" in b.evaluator().get_description()]
     constraint, h = binding.evaluator(), 1e-6
-    q = held.q[held.scene.hand.finger("thumb").columns] + 0.05
-    gradient = ExtractGradient(constraint.Eval(InitializeAutoDiff(q)))
-    steps = [(constraint.Eval(q + h * e) - constraint.Eval(q - h * e)) / (2 * h) for e in np.eye(3)]
+    positions = program.positions(held.q, held.X_WO)
+    x = positions[program.prog.FindDecisionVariableIndices(binding.variables())] + 0.02
+    gradient = ExtractGradient(constraint.Eval(InitializeAutoDiff(x)))
+    steps = [(constraint.Eval(x + h * e) - constraint.Eval(x - h * e)) / (2 * h) for e in np.eye(10)]
     np.testing.assert_allclose(gradient, np.column_stack(steps), atol=1e-6)
     assert constraint.lower_bound()[0] == constraint.upper_bound()[0] == 0.0
     np.testing.assert_allclose(constraint.upper_bound()[1:], IkOptions().slide_range)
+
+
+def test_a_corridor_is_described_too(held) -> None:
+    corridor = Corridor(X_WO=held.X_WO, position=0.01, rotation=0.1)
+    program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, corridor=corridor)
+    assert {"corridor position[pencil_r8]", "corridor rotation[pencil_r8]"} < set(program.constraints)
+    bare = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, options=IkOptions(distances=False))
+    assert "minimum distance" not in bare.constraints
 
 
 def test_the_filter_is_the_programs_own(held) -> None:

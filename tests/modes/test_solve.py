@@ -137,13 +137,13 @@ def test_what_can_be_reached_but_not_taken_is_a_collision(held, reachable_contac
 
 def test_violations_are_measured_and_contacts_come_first(held, ring_in_pencil) -> None:
     program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC)
-    assert find_violations(program, held.q) == []
+    assert find_violations(program, held.q, held.X_WO) == []
     hand, index = held.scene.hand, held.scene.hand.finger("index")
     q = ring_in_pencil.copy()
     q[index.columns[1]] -= 0.01
     q[hand.finger("middle").columns[1]] -= 0.002
     q[0] = hand.q_lower[0] - 0.02
-    contact, lesser, limit, distance, *_ = find_violations(program, q)
+    contact, lesser, limit, distance, *_ = find_violations(program, q, held.X_WO)
     moved = FingerKinematics.of(hand, index).fk(np.stack([held.q, q])[:, index.columns])[0]
     assert contact.finger == "index"
     assert contact.amount == pytest.approx(np.linalg.norm(moved[1] - moved[0]), rel=1e-2)

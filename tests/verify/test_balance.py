@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
+from drake_hand.plans.tolerances import UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
-from drake_hand.verify.balance import UNBALANCED_SHARE, Body, fixture, friction_margins, unbalanced
+from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 
 G = np.array([0.0, 0.0, -9.81])
 

@@ -5,11 +5,12 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from drake_hand.model.hand import Hand
+from drake_hand.modes.measured import displacement
 from drake_hand.plans.plan import Part, Plan
 from drake_hand.plans.task import Pose, Push, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
-from drake_hand.verify.joints import check_joints, displacement
+from drake_hand.verify.joints import check_joints
 
 HAND = Hand.load("kanguera")
 

@@ -4,6 +4,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from drake_hand.contact.submodel import Submodel
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.view import figures
 from drake_hand.view.colors import SUBMODEL
@@ -24,7 +25,7 @@ def test_timeline_has_a_bar_per_finger_and_part(sample_plan):
     ax = figures.draw_modes(sample_plan).axes[0]
     assert len(ax.patches) == 25
     bar = next(b for b in ax.patches if b.get_x() == 4.0 and b.get_y() < 3 < b.get_y() + b.get_height())
-    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL["2"]
+    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL[Submodel.SLIDE]
 
 
 def test_contact_gap_is_the_distance_of_tip_and_point(sample_plan, hand):

@@ -1,0 +1,40 @@
+"""The one table of tolerances, used by the automaton's predicates and by the certificate, and the scales they go by."""
+
+from __future__ import annotations
+
+STANDARD_GRAVITY = 9.81
+"""m/s^2; an object's weight on earth is the scale of its forces, however the palm is turned."""
+TORQUE_LENGTH = 0.01
+"""m; a force at this length weighs as much as a torque."""
+UNBALANCED_SHARE = 0.02
+"""Part of the object's weight that may stay unbalanced; torque: that force at `TORQUE_LENGTH`."""
+ARM = 0.1
+"""m; a point this far from O turns an object's rotation into a length, and its speed into a rate."""
+
+TOLERANCES = {
+    "contact_mm": 0.1,
+    "slip_mm": 0.5,
+    "slip_mm_s": 1.0,
+    "penetration_mm": 0.0,
+    "limit_margin_rad": 0.0,
+    "speed_ratio": 1.0,
+    "acceleration_ratio": 1.0,
+    "rest_speed_rad_s": 1e-3,
+    "joint_jump_rad": 1e-4,
+    "object_jump_mm": 1e-2,
+    "drift_mm": 1e-2,
+    "force_margin": 0.0,
+    "effort_ratio": 1.0,
+    "balance_ratio": 1.0,
+    "goal_position_mm": 0.1,
+    "goal_rotation_deg": 0.1,
+    "mode": 0.0,
+    "init": 0.0,
+    "inv": 0.0,
+    "contact": 0.0,
+    "jump": 0.0,
+}
+"""Limits by the name of what is measured: fields of the certificate, and ``slip_mm_s``, the velocity of a contact that
+the predicates take for none. `contacts`, the number of fingers that hold, is limited by the task's min_contacts."""
+AT_LEAST = {"limit_margin_rad", "force_margin", "contacts"}
+"""Fields whose value must not be below the limit; all others must not be above."""
