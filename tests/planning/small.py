@@ -52,6 +52,7 @@ def path(hand: str, *steps: Step) -> ObjectPath:
     return build(pose(START[hand]), list(steps))
 
 
+@cache
 def table(hand: str, object_: str, *steps: Step) -> ReachTable:
     return ReachTable(clearance(hand, object_), path(hand, *steps), "rolling")
 
