@@ -2,13 +2,15 @@
 
 from functools import cache
 
+import numpy as np
+
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.object_path import ObjectPath, build, pose
-from drake_hand.planning.reach import ReachTable
+from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
 
 UP = {"quartet": (-9.81, 0.0, 0.0), "trio": (0.0, 0.0, -9.81)}
@@ -61,3 +63,18 @@ def equilibrium(hand: str, object_: str, **changes) -> Equilibrium:
     """As a run states it, with the palm up."""
     values = {"gravity": UP[hand], "mass": Object.load(object_).mass, "friction": 0.8, "preload": 0.1} | changes
     return Equilibrium(Hand.load(hand), **values)
+
+
+def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold:
+    """The hold of finger i that begins with its tip at the surface point nearest to p_OP, m.
+
+    Raises:
+        AssertionError: the finger does not reach it.
+    """
+    kin, X = reach.clearance.kinematics[i], reach.path.X_WO[0]
+    foot, n_O, _ = reach.clearance.surface.closest(np.array([p_OP]))
+    q, residual = kin.ik((foot + kin.finger.radius * n_O) @ X[:3, :3].T + X[:3, 3])
+    assert residual[0] < 1e-6, "out of reach"
+    hold = reach.from_contact(i, 0, q[0])
+    assert hold is not None, "does not last"
+    return hold
