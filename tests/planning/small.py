@@ -61,7 +61,12 @@ def table(hand: str, object_: str, *steps: Step) -> ReachTable:
 
 def equilibrium(hand: str, object_: str, **changes) -> Equilibrium:
     """As a run states it, with the palm up."""
-    values = {"gravity": UP[hand], "mass": Object.load(object_).mass, "friction": 0.8, "preload": 0.1} | changes
+    values = {
+        "gravity": np.array(UP[hand]),
+        "mass": Object.load(object_).mass,
+        "friction": 0.8,
+        "preload": 0.1,
+    } | changes
     return Equilibrium(Hand.load(hand), **values)
 
 

@@ -1,5 +1,7 @@
 """Ways of a free finger: up, across and down, and nowhere nearer to anything than it may be."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -87,7 +89,7 @@ def test_a_way_round_the_object_is_found_and_clear(across, find):
     assert len(pieces) > 1
     np.testing.assert_allclose(pieces[0][0], a)
     np.testing.assert_allclose(pieces[-1][-1], b)
-    for one, two in zip(pieces, pieces[1:], strict=False):
+    for one, two in itertools.pairwise(pieces):
         np.testing.assert_allclose(one[-1], two[0])
     for piece in pieces:
         u = np.linspace(0, 1, 50)[:, None]
