@@ -46,28 +46,30 @@ def test_one_contact_holds_nothing_and_neither_does_none():
     assert holding(0.1).margins(around(fingers=()))[0] < 0
 
 
-def sliding(i: int, way: float) -> np.ndarray:
-    """Finger i slides along the rod, up or down."""
+def sliding(way: float) -> np.ndarray:
+    """Two opposed fingers slide along the rod, up or down."""
     slip_W = np.zeros((1, 4, 3))
-    slip_W[0, i, 2] = way
+    slip_W[0, 2:, 2] = way
     return slip_W
 
 
-def test_a_finger_that_slides_upwards_may_not_be_relied_on_to_carry():
-    """Upwards its friction would carry 0.8 of what it presses with; it may as well have none."""
-    three = 3 * Equilibrium.FRICTION_SHARE * FRICTION
-    heavy, light = holding(three + 0.3), holding(0.5 * three)
-    assert heavy.margins(around())[0] >= 0
-    assert heavy.margins(around(), sliding(2, 1.0))[0] < 0
-    assert light.margins(around(), sliding(2, 1.0))[0] >= 0
+TWO = 2 * Equilibrium.FRICTION_SHARE * FRICTION
+"""What the two that stick can carry, N."""
 
 
-def test_a_finger_that_slides_downwards_drags_the_object_with_it():
-    """With a light touch it could be borne, but what it may do is all that counts."""
-    carried = 4 * Equilibrium.FRICTION_SHARE * FRICTION
-    tight = holding(0.9 * carried)
-    assert tight.margins(around())[0] >= 0
-    assert tight.margins(around(), sliding(2, -1.0))[0] < 0
+def test_fingers_that_slide_upwards_may_not_be_relied_on_to_carry():
+    """Upwards their friction would carry 0.8 of what each presses with; it may as well be none."""
+    assert TWO < 1.2 < TWO + 2 * FRICTION
+    assert holding(1.2).margins(around())[0] >= 0
+    assert holding(1.2).margins(around(), sliding(1.0))[0] < 0
+    assert holding(0.8).margins(around(), sliding(1.0))[0] >= 0
+
+
+def test_fingers_that_slide_downwards_drag_the_object_with_them():
+    """However lightly they press: with the least, 0.1 N each, they add 0.16 N to what the others carry."""
+    assert TWO - 2 * FRICTION * PRELOAD < 0.8 < TWO
+    assert holding(0.8).margins(around(), sliding(-1.0))[0] < 0
+    assert holding(0.6).margins(around(), sliding(-1.0))[0] >= 0
 
 
 def test_nothing_slides_is_what_sets_without_a_slide_are():
@@ -80,7 +82,7 @@ def test_questions_are_counted():
     one = holding(0.4, tally=tally)
     one.margins(around().repeated(3))
     assert tally.sets == 3
-    one.margins(around(), sliding(2, 1.0))
+    one.margins(around(), sliding(1.0))
     assert tally.sets == 5, "full friction and none are asked separately"
 
 
