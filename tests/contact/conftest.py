@@ -1,13 +1,9 @@
 """Hands to try the kernel on, and Drake as the oracle for each."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from drake_hand.model.hand import Finger, Hand
-
-MODELS = Path(__file__).parents[2] / "../shared/models"
 
 ODD_URDF = """<robot name="odd">
   <link name="palm"/>
@@ -123,13 +119,10 @@ def odd(tmp_path_factory) -> Hand:
 
 
 @pytest.fixture(scope="session")
-def allegro(tmp_path_factory) -> Hand:
+def allegro(tmp_path_factory, models) -> Hand:
     """A real hand of four joints a finger: redundant."""
-    urdf = MODELS / "hands/allegro/allegro_hand_right.urdf"
-    if not urdf.is_file():
-        pytest.skip("no Allegro hand beside the checkout")
     file = tmp_path_factory.mktemp("allegro") / "allegro.hand.yaml"
-    file.write_text(ALLEGRO_HAND.format(urdf=urdf.resolve()))
+    file.write_text(ALLEGRO_HAND.format(urdf=models / "hands/allegro/allegro_hand_right.urdf"))
     return Hand.load(file)
 
 

@@ -235,3 +235,16 @@ def test_a_tip_pushes_back_as_its_servos_do():
     moved = (kin.fk(q + yielded)[0] - kin.fk(q)[0])[0] @ n_W[0]
     assert moved > 0
     assert 0.01 / moved == pytest.approx(stiffness, rel=0.01)
+
+
+def test_joints_that_cannot_bear_the_friction_let_the_object_fall():
+    """A pinch presses as hard as it likes, but sideways each finger bears 0.05 N: together less than the weight."""
+    p = np.array([[[0.0, 0.01, 0.0], [0.0, -0.01, 0.0]]])
+    J = np.zeros((1, 2, 3, 1))
+    J[..., 2, 0] = 0.1  # one joint, that lifts the tip
+    pinch = (p, -p / 0.01, np.ones((1, 2)), J)
+    assert np.linalg.norm(WEIGHT) == pytest.approx(0.15)
+    with pytest.raises(NoPlanFound, match="balance"):
+        solve(*pinch, effort=np.full((2, 1), 0.1 * 0.05))
+    lifts = solve(*pinch, effort=np.full((2, 1), 0.1 * 0.08)).f_W[0, :, 2]
+    np.testing.assert_allclose(lifts, 0.075, atol=1e-3)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,8 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Geometry, Object
-
-MODELS = Path(__file__).parents[2] / "../shared/models"
 
 X_OG = np.eye(4)
 X_OG[:3, :3] = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
@@ -119,11 +115,8 @@ def test_closest_where_it_is_not_unique(kind):
 
 
 @pytest.mark.parametrize("name", ["Banana", "Hammer", "Strawberry", "TennisBall", "TomatoSoupCan"])
-def test_real_meshes_are_drakes(name, rng):
-    file = MODELS / "objects/ycb" / name / "collision_vhacd.obj"
-    if not file.is_file():
-        pytest.skip("no YCB objects beside the checkout")
-    surface = Surface.of(Object.load(file.resolve()))
+def test_real_meshes_are_drakes(name, rng, models):
+    surface = Surface.of(Object.load(models / "objects/ycb" / name / "collision_vhacd.obj"))
     p_O = rng.uniform(-1.3, 1.3, (150, 3)) * surface.extent
     foot, n, d = surface.closest(p_O)
     for i, (distance, _, _) in enumerate(drake_distances(surface.geometries, p_O)):

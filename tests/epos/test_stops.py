@@ -136,3 +136,20 @@ def test_a_status_too_short_counts_as_no_answer(data):
     w = watch()
     list(w.frame(LAYOUT.status.cob_id(NODE), data, 0.0))
     assert not w.axes[3].answered
+
+
+def test_three_syncs_in_a_row_without_an_answer_are_a_fault():
+    """At the third, not at the fourth: docs/faults.md promises how fast a silent drive stops the others."""
+    w = watch()
+    told = []
+    for sync in range(1, 5):
+        answer_all(w, but=NODE)
+        told.append(kinds(w.period_ends(0.01 * sync)))
+    assert told == [[], [], ["silent"], []]
+
+
+def test_an_answer_in_between_starts_the_count_anew():
+    w = watch()
+    for sync in range(1, 12):
+        answer_all(w, but=NODE if sync % 3 else None)
+        assert kinds(w.period_ends(0.01 * sync)) == []

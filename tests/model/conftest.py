@@ -8,7 +8,6 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 
-MODELS = Path(__file__).parents[2] / "../shared/models"
 WILD = {
     "allegro": "hands/allegro/allegro_hand_right.urdf",
     "allegro_drake": "hands/allegro_drake/allegro_hand_description/urdf/allegro_hand_description_right.urdf",
@@ -90,13 +89,6 @@ def kanguera() -> Hand:
 @pytest.fixture(scope="session")
 def scene(kanguera: Hand) -> Scene:
     return Scene(kanguera, Object.load("sphere"))
-
-
-@pytest.fixture(scope="session")
-def models() -> Path:
-    if not MODELS.is_dir():
-        pytest.skip("the folder of real models, ../shared/models, is not beside the checkout")
-    return MODELS.resolve()
 
 
 @pytest.fixture(params=sorted(WILD))

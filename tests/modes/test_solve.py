@@ -16,8 +16,6 @@ from drake_hand.modes.constraints import IkOptions, build_ik
 from drake_hand.modes.situation import Situation, State
 from drake_hand.modes.solve import Infeasible, find_violations, solve_ik
 
-ALLEGRO = Path(__file__).parents[2] / "../shared/models/hands/allegro/allegro_hand_right.urdf"
-
 
 def mode(held, code: str) -> Mode:
     return Mode.parse(code, [f.name for f in held.scene.hand.fingers])
@@ -154,15 +152,14 @@ def test_violations_are_measured_and_contacts_come_first(held, ring_in_pencil) -
     assert distance.amount > contact.amount
 
 
-@pytest.mark.skipif(not ALLEGRO.is_file(), reason="the Allegro hand's model is not beside this checkout")
-def test_another_hand(tmp_path: Path, find_hold) -> None:
+def test_another_hand(tmp_path: Path, models: Path, find_hold) -> None:
     file = tmp_path / "allegro.hand.yaml"
     fingers = "\n".join(
         f"  - {{name: {name}, tip: {{link: {link}_tip, radius_mm: 12, xyz_mm: [0, 0, 0]}}}}"
         for name, link in {"ring": "link_11.0", "middle": "link_7.0", "index": "link_3.0", "thumb": "link_15.0"}.items()
     )
     file.write_text(
-        f"name: allegro\nurdf: {ALLEGRO.resolve()}\npalm: base_link\nfingers:\n{fingers}\n"
+        f"name: allegro\nurdf: {models}/hands/allegro/allegro_hand_right.urdf\npalm: base_link\nfingers:\n{fingers}\n"
         "defaults: {acceleration_deg_s2: 1000, stiffness_nm_rad: 3, damping_nm_s_rad: 0.05}\n"
     )
     X_WO = np.eye(4)

@@ -87,3 +87,18 @@ def test_round_shapes_grow_until_the_polyhedron_has_their_volume(kind, size, com
 
 def test_without_hydroelastics_shapes_stay():
     assert _grown("sphere", (0.007,), ProximityProperties()) == (0.007,)
+
+
+@pytest.mark.parametrize("friction", [0.02, 0.05, 0.1])
+def test_all_of_the_hand_rubs_as_the_fingertips_do(friction):
+    """On the trio's palm, leaning by 30 deg, a ball slides, too steep to roll: as fast as this friction lets it."""
+    trio, ball = Hand.load("trio"), Object.load("sphere")
+    X, lean, t = np.eye(4), np.radians(30.0), 0.1
+    X[2, 3] = 0.027
+    gravity = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
+    assert friction < 2 / 7 * np.tan(lean), "it would roll"
+    physics = Physics(trio, ball, at_rest(trio.q_home), X, gravity=gravity, friction=friction, contact="point")
+    physics.let_go()
+    physics.advance(t)
+    way = 9.81 * (np.sin(lean) - friction * np.cos(lean)) * t**2 / 2
+    assert physics.X_WO[0, 3] == pytest.approx(way, rel=0.03)

@@ -1,28 +1,43 @@
 """A real hand nobody here wrote turns a stick by 90 deg: planned, certified, held in physics."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from benchmarks.replays import ALLEGRO, PALMS, own, turn
 from drake_hand import api
 from drake_hand.model.hand import Hand
 from drake_hand.physics.replay import replay
-from drake_hand.plans.task import Pose
+from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 
-MODELS = Path(__file__).parents[2] / "../shared/models"
-pytestmark = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of real hands is not there")
+ALLEGRO = """
+name: allegro
+urdf: {models}/hands/allegro/allegro_hand_right.urdf
+palm: base_link
+fingers:
+- {{name: ring, tip: {{link: link_11.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: middle, tip: {{link: link_7.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: index, tip: {{link: link_3.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+- {{name: thumb, tip: {{link: link_15.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
+defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 3, damping_nm_s_rad: 0.1}}
+"""
 START = Pose(xyz_mm=(78.0, 8.0, -14.0), rpy_deg=(147.0, -13.0, -78.0))
 """One that `start: auto` finds."""
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
+def plan(tmp_path_factory, models):
     file = tmp_path_factory.mktemp("allegro") / "allegro.hand.yaml"
-    file.write_text(ALLEGRO.format(models=MODELS.resolve()))
-    return api.plan(turn(str(file), "pencil_r12", own(90.0), PALMS["up"], start=START))
+    file.write_text(ALLEGRO.format(models=models))
+    turn = Step(rotate=Rotate(axis=(0.0, 0.0, 1.0), frame="object", angle_deg=90.0))
+    task = Task(
+        hand=str(file),
+        object="pencil_r12",
+        start=START,
+        motion=[Step(grasp=Grasp()), turn],
+        physics=Physics(gravity=(-9.81, 0.0, 0.0)),
+        options=Options(time_limit_s=180.0),
+    )
+    return api.plan(task)
 
 
 def test_commands_stay_within_the_joints_limits_however_strong_the_servos(plan):

@@ -1,6 +1,10 @@
-"""What free fingers are told."""
+"""What fingers are told: forces that rise and fade, balance between knots too, and commands within limits."""
+
+import itertools
 
 import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
 
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
@@ -8,7 +12,10 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.transit import Surroundings, lift
 from drake_hand.plans.path import Leg
+from tests.planning.small import UP, contact, equilibrium, scene, table, turn
 
 
 def test_free_fingers_are_not_commanded_beyond_their_limits():
@@ -23,3 +30,99 @@ def test_free_fingers_are_not_commanded_beyond_their_limits():
     assert 0 < within.sum() < within.size
     np.testing.assert_allclose(command[within], wanted[within])
     np.testing.assert_allclose(command[~within], leg.q[~within], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def regrasped():
+    """Legs with forces: four fingers take hold of a pencil, one lets go and takes hold again."""
+    reach = table("quartet", "pencil_r8", turn(2.5))
+    hand, X = reach.clearance.hand, reach.path.X_WO[0]
+    places = [(0, 8e-3, -0.022), (1, 8e-3, 0.022), (2, -8e-3, -0.01), (3, -8e-3, 0.022)]
+    holds = [contact(reach, i, (0.0, y, z)) for i, y, z in places]
+    q = hand.q_home.copy()
+    for h in holds:
+        q[hand.fingers[h.finger].columns] = h.q[0]
+    builder = LegBuilder(hand, q, X)
+    builder.dwell()
+    for h in holds:
+        builder.make(h.finger, X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
+    builder.dwell()
+    builder.dwell()
+    lifted, able = lift(Surroundings.of(reach.clearance, q, X, 3), 3, holds[3].q[:1], holds[3].n_W[:1], 8e-3)
+    assert able[0]
+    builder.break_(3)
+    builder.move({3: lifted[0]})
+    builder.move({3: lifted[0][::-1]})
+    builder.make(3, X[:3, :3].T @ (holds[3].p_WP[0] - X[:3, 3]))
+    builder.dwell()
+    gravity = np.array(UP["quartet"])
+    return add_forces(builder.legs, scene("quartet", "pencil_r8"), gravity, equilibrium("quartet", "pencil_r8"))
+
+
+def test_forces_rise_from_nothing_after_make_and_fade_to_nothing_before_break(regrasped):
+    names = [f.name for f in scene("quartet", "pencil_r8").hand.fingers]
+    made, broken = 0, 0
+    for before, leg in itertools.pairwise(regrasped):
+        for name in names:
+            if name in leg.p_OP and name not in before.p_OP:
+                np.testing.assert_allclose(leg.f_W[name][0], 0.0, atol=1e-4)
+                made += 1
+            if name in before.p_OP and name not in leg.p_OP:
+                np.testing.assert_allclose(before.f_W[name][-1], 0.0, atol=1e-4)
+                broken += 1
+    assert (made, broken) == (5, 1)
+
+
+def test_forces_and_commands_are_continuous_and_full_in_between(regrasped):
+    """No finger changes its force at one instant: not by a tenth of what it presses with."""
+    most = max(np.linalg.norm(f, axis=1).max() for leg in regrasped for f in leg.f_W.values())
+    assert most > 0.2
+    for before, leg in itertools.pairwise(regrasped):
+        for name in set(before.f_W) & set(leg.f_W):
+            np.testing.assert_allclose(before.f_W[name][-1], leg.f_W[name][0], atol=1e-9)
+        np.testing.assert_allclose(before.q_offset[-1], leg.q_offset[0], atol=1e-9)
+    for leg in regrasped:
+        for f in leg.f_W.values():
+            assert np.linalg.norm(np.diff(f, axis=0), axis=1).max() < 0.4 * most
+
+
+def test_forces_balance_the_weight_at_every_knot_once_the_grasp_is_complete(regrasped):
+    weight = Object.load("pencil_r8").mass * np.array(UP["quartet"])
+    for leg in regrasped[2:]:
+        np.testing.assert_allclose(sum(leg.f_W.values()), np.tile(-weight, (len(leg.q), 1)), atol=1e-4)
+        torque = sum(np.cross(leg.p_OP[name] @ leg.X_WO[0, :3, :3].T, leg.f_W[name]) for name in leg.f_W)
+        assert np.linalg.norm(torque, axis=1).max() < 5e-4
+
+
+def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
+    """A heavy cylinder carried along in strides of 10 deg: what is linear between knots must balance there, too."""
+    reach = table("quartet", "cylinder", turn(20.0))
+    hand, X = reach.clearance.hand, reach.path.X_WO
+    places = [(0, 0.025, -0.02), (1, 0.025, 0.02), (2, -0.025, -0.02), (3, -0.025, 0.02)]
+    holds = [contact(reach, i, (0.0, y, z)) for i, y, z in places]
+    assert min(h.end for h in holds) == reach.path.ticks
+    ticks = np.arange(0, reach.path.ticks + 1, 4)
+    q, p_OP = np.zeros((len(ticks), hand.nq)), {}
+    for h in holds:
+        q[:, hand.fingers[h.finger].columns] = h.q[ticks]
+        arm = h.p_WP[ticks] - X[ticks, :3, 3]
+        p_OP[hand.fingers[h.finger].name] = np.einsum("kji,kj->ki", X[ticks, :3, :3], arm)
+    first = {name: np.repeat(p[:1], 2, axis=0) for name, p in p_OP.items()}
+    grasp = Leg(mode="1111", q=np.repeat(q[:1], 2, axis=0), X_WO=np.repeat(X[:1], 2, axis=0), p_OP=first)
+    coarse = Leg(mode="1111", q=q, X_WO=X[ticks], p_OP=p_OP)
+    mass, gravity = 0.2, np.array(UP["quartet"])
+    legs = [grasp, coarse]
+    _, leg = add_forces(legs, scene("quartet", "cylinder"), gravity, equilibrium("quartet", "cylinder", mass=mass))
+    assert len(leg.q) > len(coarse.q)
+    # halfway between knots: forces linear, contact points on the curve through the knots
+    names, R = list(leg.f_W), leg.X_WO[:, :3, :3]
+    s = np.arange(len(leg.q))
+    half = s[:-1] + 0.5
+    p = {n: make_interp_spline(s, np.einsum("kij,kj->ki", R, leg.p_OP[n]))(half) for n in names}
+    f = {n: (leg.f_W[n][1:] + leg.f_W[n][:-1]) / 2 for n in names}
+    n_W = {n: p[n] * [1.0, 1.0, 0.0] / np.linalg.norm(p[n][:, :2], axis=1, keepdims=True) for n in names}
+    torque = sum(np.cross(p[n], f[n]) for n in names)
+    for row, lost in enumerate(torque):
+        across = np.array([n_W[n][row] for n in names])
+        free = lost - np.linalg.pinv(across, rcond=0.3) @ across @ lost  # pads twist along their normals
+        assert np.linalg.norm(free) < 2e-4 * mass * 9.81

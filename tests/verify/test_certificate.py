@@ -14,6 +14,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Release, Step
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import certify
+from drake_hand.verify.findings import TOLERANCES
 from drake_hand.verify.observe import sample_times
 
 
@@ -127,3 +128,25 @@ def test_release_is_part_of_the_hand_made_plan():
     plan = make_plan(hold="kinematic")
     assert plan.modes == ["00000", MODE, "00000"]
     assert plan.task.motion[-1] == Step(release=Release())
+
+
+def test_the_limits_are_those_that_are_promised():
+    """What README and the design promise; a looser one lets plans through that slip or miss their goal."""
+    assert TOLERANCES == {
+        "contact_mm": 0.1,
+        "slip_mm": 0.5,
+        "penetration_mm": 0.0,
+        "limit_margin_rad": 0.0,
+        "speed_ratio": 1.0,
+        "acceleration_ratio": 1.0,
+        "rest_speed_rad_s": 1e-3,
+        "joint_jump_rad": 1e-4,
+        "object_jump_mm": 1e-2,
+        "drift_mm": 1e-2,
+        "force_margin": 0.0,
+        "effort_ratio": 1.0,
+        "balance_ratio": 1.0,
+        "goal_position_mm": 0.1,
+        "goal_rotation_deg": 0.1,
+        "mode": 0.0,
+    }

@@ -1,0 +1,77 @@
+"""Periodic gaits: bases that last a stroke and hold at both ends, with any finger lifted in the order given."""
+
+import numpy as np
+import pytest
+
+from drake_hand.planning import gait
+from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.contact_sets import ContactSets
+from tests.planning.small import equilibrium, table, turn
+
+FINGERS = [0, 1, 2, 3]
+STROKE = 10
+ENOUGH = 0.1
+
+
+@pytest.fixture(scope="module")
+def reach():
+    return table("quartet", "cylinder", turn(50.0))
+
+
+@pytest.fixture(scope="module")
+def gaits(reach):
+    holding, rng = equilibrium("quartet", "cylinder"), np.random.default_rng(0)
+    every = lambda touching: True  # noqa: E731
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gait, "SAMPLES", 1000)  # a look at fewer: this is about what is found, not how much
+        patch.setattr(gait, "POOL", 40)
+        return gait.find(reach, FINGERS, holding, every, rng, enough=ENOUGH, strokes=(STROKE,), starts=1)
+
+
+def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
+    """What holds the object with every finger at an age of its base, one perhaps lifted."""
+    sets = ContactSets.none(reach.clearance.hand, reach.p_WCom(np.array([0])))
+    for slot, (h, age) in enumerate(zip(one.holds, ages, strict=True)):
+        if slot != lifted:
+            sets.put(h.finger, h.p_WP[age], h.n_W[age], h.J_WP[age])
+    return float(equilibrium("quartet", "cylinder").margins(sets)[0])
+
+
+def test_every_step_of_a_gait_holds_with_the_margin_it_states(reach, gaits):
+    assert gaits
+    for one in gaits:
+        assert sorted(one.order) == [0, 1, 2, 3], "each finger steps back once"
+        ages, least = [one.stroke] * 4, []
+        for slot in one.order:
+            least += [margin(reach, one, ages, None), margin(reach, one, ages, slot)]
+            ages[slot] = 0
+        least.append(margin(reach, one, ages, None))
+        assert min(least) == pytest.approx(one.margin, abs=1e-9)
+        assert one.margin >= 0
+
+
+def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
+    for one in gaits:
+        assert one.stroke == STROKE
+        assert all(len(h.q) > one.stroke for h in one.holds)
+        for a in range(4):
+            for b in range(a):
+                x, y = one.holds[a], one.holds[b]
+                for i, j in ((0, 0), (STROKE, STROKE), (0, STROKE), (STROKE, 0)):
+                    gap = reach.clearance.between(
+                        x.finger, reach.centres(x)[i][None], y.finger, reach.centres(y)[j][None]
+                    )
+                    assert gap[0] >= CLEARANCE
+
+
+def test_the_best_come_first(gaits):
+    value = [min(one.margin, ENOUGH) for one in gaits]
+    assert value == sorted(value, reverse=True)
+
+
+def test_there_is_no_gait_in_modes_that_may_not_be_used_or_strokes_too_long(reach):
+    holding, rng = equilibrium("quartet", "cylinder"), np.random.default_rng(0)
+    never_lifts = lambda touching: len(touching) == 4  # noqa: E731
+    assert gait.find(reach, FINGERS, holding, never_lifts, rng, enough=ENOUGH, strokes=(STROKE,)) == []
+    every = lambda touching: True  # noqa: E731
+    assert gait.find(reach, FINGERS, holding, every, rng, enough=ENOUGH, strokes=(10_000,)) == []
