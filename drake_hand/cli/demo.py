@@ -23,6 +23,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     """
     from drake_hand.cli import drives
 
+    output.mkdir(exist_ok=True)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     page, physics = output / "spin.html", output / "spin-physics.html"
     steps = {
