@@ -123,6 +123,10 @@ class DriveError(DrakeHandError):
     """A drive or the CAN bus does not do what it has to; says which drive (joint and node) and what."""
 
 
+class DriveTimeout(DriveError, TimeoutError):
+    """A drive does not answer, or no frame gets out."""
+
+
 def nearest(name: object, known: Iterable[str]) -> str:
     """Names the known words, the nearest to `name` first: the ``expected`` of an unknown-name error."""
     known = list(known)

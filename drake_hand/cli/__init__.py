@@ -66,6 +66,9 @@ def run(tokens: Sequence[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone; let exit flush in peace
         return 141
+    except FileExistsError as e:
+        wrong = InputError("this is a file", file=e.filename, found="a file", expected="the name of a folder")
+        return report_error(wrong, as_json)
     except OSError as e:
         return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
     except UnicodeEncodeError as e:

@@ -80,6 +80,14 @@ def test_plot_writes_figures(plan_file, tmp_path, capsys):
     assert (tmp_path / "figures" / "modes.png").stat().st_size > 1000
 
 
+def test_plot_wants_a_folder_or_a_place_for_one(plan_file, tmp_path, capsys):
+    assert cli.run(["plot", str(plan_file), "-o", str(plan_file)]) == 2
+    assert "this is a file" in capsys.readouterr().err
+    assert cli.run(["plot", str(plan_file), "-o", str(tmp_path / "no" / "figures")]) == 2
+    assert "No such file or directory" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
 def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, capsys):
     result = api.PlanResult(
         plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3}, tally=Tally()
