@@ -1,6 +1,6 @@
 """Feeds damaged input files and CAN frames to what reads them: every answer must be a value or a `DrakeHandError`.
 
-python benchmarks/fuzz.py --inputs 1000 --seconds 600 [--kinds urdf,frames] [--seed 0] [--keep FOLDER]
+python benchmarks/fuzz.py --inputs 10000 --seconds 600 [--kinds urdf,frames] [--seed 0] [--keep FOLDER]
 
 Input i of a kind depends on the seed, the kind and i alone. A process of its own reads them, so that one in which Drake
 aborts, or that takes longer than 20 s, is told like any other. Exit status: 0 nothing found, 1 a crash.
@@ -13,6 +13,7 @@ import io
 import itertools
 import multiprocessing
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -20,6 +21,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from zlib import crc32
@@ -48,6 +50,8 @@ from drake_hand.plans.trajectory import Trajectory
 
 PATIENCE_S = 20.0
 """An input that takes longer is a fault."""
+START_S = 300.0
+"""A process that takes longer to begin is one."""
 FRAMES = 40
 """Frames of one input of the kind ``frames``."""
 ODD = [
@@ -324,32 +328,43 @@ def small_plan(hand: Hand) -> Plan:
     return msgspec.structs.replace(plan, certificate=api.check(plan))
 
 
-KINDS = [
-    "urdf",
-    "hand_file",
-    "task",
-    "object",
-    "mesh",
-    "plan_file",
-    "drives_file",
-    "run",
-    "frames",
-    "scene",
-    "certificate",
-]
-"""Methods of `Reader`; the last two go through Drake and are slow."""
+KINDS = {
+    "task": 1,
+    "object": 1,
+    "plan_file": 1,
+    "drives_file": 1,
+    "run": 1,
+    "mesh": 2,
+    "urdf": 4,
+    "hand_file": 4,
+    "frames": 4,
+    "scene": 50,
+    "certificate": 50,
+}
+"""Methods of `Reader`, and in which rounds each has its turn: every one, every fourth; the slow ones seldom."""
+Input = tuple[str, int]
+"""Kind and number."""
 
 
-def read(kinds: list[str], indices: list[int], seed: int, folder: Path, tell: Connection) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What the reading process says of an input: that it begins, or how it ended."""
+
+    kind: str
+    i: int
+    outcome: str = ""
+    """``read``, ``refused``, or the crash; empty at the beginning."""
+
+
+def read(inputs: list[Input], seed: int, folder: Path, tell: Connection) -> None:
     """Reads inputs in a process of its own, and tells of each before and after."""
     warnings.simplefilter("ignore")
     reader = Reader(folder)
-    for kind, i in zip(itertools.cycle(kinds), indices, strict=False):
-        tell.send((kind, i, None))
-        rng = np.random.default_rng([seed, crc32(kind.encode()), i])
+    for kind, i in inputs:
+        tell.send(Told(kind=kind, i=i))
         method: Callable[[np.random.Generator], None] = getattr(reader, kind)
         try:
-            method(rng)
+            method(np.random.default_rng([seed, crc32(kind.encode()), i]))
             outcome = "read"
         except DrakeHandError:
             outcome = "refused"
@@ -357,72 +372,80 @@ def read(kinds: list[str], indices: list[int], seed: int, folder: Path, tell: Co
             ours = [f for f in traceback.extract_tb(e.__traceback__) if "drake_hand" in Path(f.filename).parts][-1:]
             where = "".join(f" at {Path(f.filename).name}:{f.lineno}" for f in ours)
             outcome = f"{type(e).__name__}{where}: {' '.join(str(e).split())[:100]}"
-        tell.send((kind, i, outcome))
-    tell.send(None)
+        tell.send(Told(kind=kind, i=i, outcome=outcome))
 
 
-def fuzz(kind: str, inputs: int, until: float, seed: int, keep: Path | None) -> tuple[Counter[str], dict[str, int]]:
-    """Feeds inputs of a kind until there are no more, or time is up.
+@dataclass
+class Tally:
+    """What came of the inputs so far.
 
-    Returns:
-        How many were read, refused and crashed; and by type and place the first input that crashed.
+    Args:
+        keep: folder for inputs that crash.
     """
-    counts: Counter[str] = Counter()
-    crashes: dict[str, int] = {}
-    start, spawn = 0, multiprocessing.get_context("spawn")
 
-    def crashed(i: int, what: str, folder: Path) -> None:
-        counts["crashed"] += 1
-        place = what.partition(": ")[0]
-        if place in crashes:
+    keep: Path | None
+    counts: dict[str, Counter[str]] = field(default_factory=lambda: {kind: Counter() for kind in KINDS})
+    crashes: set[str] = field(default_factory=set)
+
+    def add(self, told: Told, folder: Path) -> None:
+        """Counts an input; a crash of a type and place not seen before is printed, its files are kept."""
+        good = told.outcome in ("read", "refused")
+        self.counts[told.kind][told.outcome if good else "crashed"] += 1
+        place = f"{told.kind}: {told.outcome.partition(': ')[0]}"
+        if good or place in self.crashes:
             return
-        crashes[place] = i
-        print(f"  {kind} {i}: {what}", flush=True)
-        for file in folder.glob("input.*") if keep else ():
-            (keep or folder).mkdir(parents=True, exist_ok=True)
-            file.rename((keep or folder) / f"{kind}-{i}-{file.name}")
+        self.crashes.add(place)
+        print(f"  {told.kind} {told.i}: {told.outcome}", flush=True)
+        if self.keep:
+            self.keep.mkdir(parents=True, exist_ok=True)
+            for file in folder.glob("input.*"):
+                shutil.copy(file, self.keep / f"{told.kind}-{told.i}-{file.name}")
 
-    while start < inputs and time.monotonic() < until:
+    def table(self) -> str:
+        """A row per kind."""
+        columns = ("read", "refused", "crashed")
+        lines = ["| kind | inputs | read | refused | crashed |", "|---|---|---|---|---|"]
+        for kind, counts in self.counts.items():
+            lines.append(f"| {kind} | {counts.total()} | {' | '.join(str(counts[c]) for c in columns)} |")
+        total = sum(self.counts.values(), Counter[str]())
+        return "\n".join([*lines, f"| all | {total.total()} | {' | '.join(str(total[c]) for c in columns)} |"])
+
+
+def fuzz(inputs: list[Input], until: float, seed: int, tally: Tally) -> None:
+    """Feeds inputs until there are no more, or time is up; begins a new process where one has ended or hangs."""
+    spawn, start = multiprocessing.get_context("spawn"), 0
+    while start < len(inputs) and time.monotonic() < until:
         with tempfile.TemporaryDirectory() as name:
             hear, tell = spawn.Pipe(duplex=False)
-            child = spawn.Process(
-                target=read, args=([kind], list(range(start, inputs)), seed, Path(name), tell), daemon=True
-            )
+            child = spawn.Process(target=read, args=(inputs[start:], seed, Path(name), tell), daemon=True)
             child.start()
             tell.close()
-            at, patience = None, 120.0
-            while time.monotonic() < until:
+            patience, told = START_S, None
+            while start < len(inputs) and time.monotonic() < until:
                 try:
-                    said = hear.recv() if hear.poll(patience) else (kind, at, f"no answer in {patience:g} s")
+                    said = hear.recv() if hear.poll(patience) else f"no answer in {patience:g} s"
                 except EOFError:
                     child.join()
-                    said = kind, at, f"process ended with {child.exitcode}"
-                if said is None:
-                    start = inputs
+                    said = f"process ended with {child.exitcode}"
+                if isinstance(said, str):
+                    if told is None:
+                        raise SystemExit(f"{said}, before the first input")
+                    tally.add(replace(told, outcome=said), Path(name))
+                    start += 1
                     break
-                _, at, outcome = said
-                if at is None:
-                    raise SystemExit(f"{kind}: {outcome} before the first input")
-                patience = PATIENCE_S
-                if outcome is None:
-                    continue
-                start = at + 1
-                if outcome in ("read", "refused"):
-                    counts[outcome] += 1
-                    continue
-                crashed(at, outcome, Path(name))
-                if outcome.startswith(("no answer", "process ended")):
-                    break
+                told, patience = said, PATIENCE_S
+                if told.outcome:
+                    tally.add(told, Path(name))
+                    start += 1
             child.kill()
             child.join()
-    return counts, crashes
 
 
 def main() -> int:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=1000, help="of each kind")
-    parser.add_argument("--seconds", type=float, default=600.0, help="for all together")
+    parser.add_argument("--inputs", type=int, default=10_000, help="of all kinds together")
+    parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--kinds", default=",".join(KINDS), help="comma-separated: " + ", ".join(KINDS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, help="folder for the inputs that crash")
@@ -430,19 +453,12 @@ def main() -> int:
     kinds = arguments.kinds.split(",")
     if unknown := set(kinds) - set(KINDS):
         parser.error(f"no such kind: {', '.join(sorted(unknown))}")
-    started, rows, total = time.monotonic(), [], Counter[str]()
-    for k, kind in enumerate(kinds):
-        begun = time.monotonic()
-        share = (arguments.seconds - (begun - started)) / (len(kinds) - k)
-        counts, crashes = fuzz(kind, arguments.inputs, begun + share, arguments.seed, arguments.keep)
-        total += counts
-        rows.append((kind, counts, len(crashes), time.monotonic() - begun))
-    print("| kind | inputs | read | refused | crashed | different crashes | s |\n|---|---|---|---|---|---|---|")
-    for kind, counts, different, seconds in rows:
-        values = counts.total(), counts["read"], counts["refused"], counts["crashed"], different, f"{seconds:.0f}"
-        print(f"| {kind} | {' | '.join(map(str, values))} |")
-    print(f"{total.total()} inputs, {total['crashed']} crashed, seed {arguments.seed}")
-    return 1 if total["crashed"] else 0
+    turns = ((kind, i) for i in itertools.count() for kind in kinds if i % KINDS[kind] == 0)
+    tally = Tally(arguments.keep)
+    inputs = list(itertools.islice(turns, arguments.inputs))
+    fuzz(inputs, time.monotonic() + arguments.seconds, arguments.seed, tally)
+    print(tally.table())
+    return 1 if tally.crashes else 0
 
 
 if __name__ == "__main__":
