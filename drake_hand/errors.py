@@ -50,7 +50,7 @@ class InputError(DrakeHandError, ValueError):
         super().__init__("\n".join(lines))
 
     def within(self, file: Path | str | None) -> InputError:
-        """The same error, told of a file; itself where it names one already."""
+        """The same error with a file named; this one if it names a file already."""
         if self.file is not None or file is None:
             return self
         return type(self)(self.message, file=file, key=self.key, found=self.found, expected=self.expected)
@@ -59,8 +59,8 @@ class InputError(DrakeHandError, ValueError):
     def brief(self) -> str:
         """All of it on one line, for lists of problems."""
         known = {"in": self.file, "key": self.key, "found": self.found, "expected": self.expected}
-        told = "; ".join(f"{word} {value}" for word, value in known.items() if value is not None)
-        return f"{self.message} ({told})" if told else self.message
+        details = "; ".join(f"{word} {value}" for word, value in known.items() if value is not None)
+        return f"{self.message} ({details})" if details else self.message
 
 
 class MissingFile(InputError, FileNotFoundError):

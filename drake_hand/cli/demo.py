@@ -1,4 +1,4 @@
-"""`drake-hand demo`: the whole way at once, from the bundled task to simulated drives."""
+"""`drake-hand demo`: everything at once, from the bundled task to simulated drives."""
 
 from __future__ import annotations
 

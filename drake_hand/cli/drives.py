@@ -91,7 +91,7 @@ def execute(
 def _open(
     stack: ExitStack, plan: Plan, drives: Drives, interface: str | None, channel: str | None, simulate: bool
 ) -> can.BusABC:
-    """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
+    """The bus; with --simulate, one of simulated drives that start where the plan does (if it is for them)."""
     if not simulate:
         return stack.enter_context(open_bus(drives.bus, interface, channel))
     _, unfit = preflight.plan_problems(plan, drives)

@@ -241,8 +241,8 @@ def _times(result: PlanResult) -> str:
     """Where the time went; the stages add up to the whole, the certificate comes after it."""
     stages = {name: s for name, s in result.stages_s.items() if name != "certificate"}
     stages["other"] = result.plan_s - sum(stages.values())
-    told = ", ".join(f"{name} {s:.2f}" for name, s in stages.items())
-    return f"planned in {result.plan_s:.2f} s ({told}), then proved in {result.stages_s['certificate']:.2f} s"
+    times = ", ".join(f"{name} {s:.2f}" for name, s in stages.items())
+    return f"planned in {result.plan_s:.2f} s ({times}), then proved in {result.stages_s['certificate']:.2f} s"
 
 
 def _edited(subject: Plan, file: Path) -> InputError | None:

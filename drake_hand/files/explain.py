@@ -53,7 +53,7 @@ def explain(e: msgspec.ValidationError, raw: Any, type_: Any) -> InputError:
 
 
 def _in_words(text: str) -> str:
-    """``Expected `array` of length 3, got 2``: "a list of 3"; what was got is told as found."""
+    """``Expected `array` of length 3, got 2``: "a list of 3"; what was got is reported as found."""
     match = re.fullmatch(r"Expected `([^`]*)`(.*?)(?:, got .*)?", text)
     if match is None:
         return text

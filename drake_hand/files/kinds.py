@@ -1,4 +1,4 @@
-"""Which kind of file one is, to be told where it is not the kind asked for."""
+"""Recognises a file of another kind than the one asked for, and says what it is good for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML as people write it by hand: plain data, every key once, and the line at which something stands."""
+"""YAML as people write it by hand: plain data, every key once, and on which line something is."""
 
 from __future__ import annotations
 
