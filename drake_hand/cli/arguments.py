@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cyclopts
 from cyclopts import Token
@@ -20,6 +20,7 @@ _TAKEN = {
     "file": (None, ".plan.json"),
     "plan": (None, ".plan.json"),
     "run": (None, ".run.npz"),
+    "urdf": (None, ".urdf"),
 }
 """By name of the argument: kind of the bundled files it takes by name, and suffix of the files it takes."""
 _COMMANDS = {".task.yaml": "plan", ".plan.json": "show", ".run.npz": "plot", ".hand.yaml": "hand check"}
@@ -41,16 +42,18 @@ def exact(type_: Any, tokens: Sequence[Token]) -> Any:
 
 
 def offer(context: CompletionContext) -> Iterator[str]:
-    """Bundled names an argument takes, and files of its kind in the folder typed so far."""
+    """Bundled names an argument takes, and files of its kind (of any, if it has none) in the folder typed so far."""
     kind, suffix = _TAKEN.get(context.argument.field_info.name, (None, ""))
     if kind:
         yield from bundled(kind, suffix)
+    elif Path not in (context.argument.hint, *get_args(context.argument.hint)):
+        return
     folder = context.incomplete.rpartition("/")[0]
     for path in sorted(Path(folder).expanduser().iterdir() if Path(folder).is_dir() else ()):
         typed = f"{folder}/{path.name}" if folder or context.incomplete.startswith("/") else path.name
         if path.is_dir():
             yield f"{typed}/"
-        elif suffix and path.name.endswith(suffix):
+        elif path.name.endswith(suffix):
             yield typed
 
 

@@ -188,6 +188,9 @@ def test_completion_can_be_installed(tmp_path, monkeypatch, capsys):
         (["hand", "check", ""], {"kanguera"}),
         (["mirror", ""], {"today.run.npz"}),
         (["modes", "--hand", ""], {"kanguera"}),
+        (["hand", "init", ""], {"my.urdf"}),
+        (["plan", "spin", "-o", "sub/"], {"sub/other.plan.json"}),
+        (["execute", "mine.plan.json", "--interface", ""], set()),
     ],
 )
 def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, tmp_path, monkeypatch, capsys):
@@ -198,6 +201,7 @@ def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, t
         "mine.drives.yaml",
         "today.run.npz",
         "notes.txt",
+        "my.urdf",
         "sub/other.plan.json",
     ]
     for name in names:
@@ -206,8 +210,7 @@ def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, t
     assert cli.run(["__complete", *words]) == 0
     found = set(capsys.readouterr().out.partition("\x1fbegin\n")[2].split())
     assert offered <= found
-    assert not found & {"notes.txt"}
-    assert not {n for n in found if n.endswith((".json", ".yaml", ".npz"))} - offered
+    assert not {n for n in found if n.endswith((".json", ".yaml", ".npz", ".txt", ".urdf"))} - offered
 
 
 def test_progress_is_that_of_the_stage(monkeypatch):
