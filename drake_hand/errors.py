@@ -53,7 +53,9 @@ class InputError(DrakeHandError, ValueError):
         """The same error with a file named; this one if it names a file already."""
         if self.file is not None or file is None:
             return self
-        return type(self)(self.message, file=file, key=self.key, found=self.found, expected=self.expected)
+        return type(self)(
+            self.message, file=file, key=self.key, found=self.found, expected=self.expected, line=self.line
+        )
 
     @property
     def brief(self) -> str:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import cyclopts
 from cyclopts import Token
-from cyclopts.completion import CompletionContext
 
 from drake_hand.files import bundled
+
+if TYPE_CHECKING:
+    from cyclopts.completion import CompletionContext
 
 _TAKEN = {
     "task": ("tasks", ".task.yaml"),
