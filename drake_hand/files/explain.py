@@ -20,36 +20,45 @@ _WORDS = {
     "bool": "true or false",
     "null": "nothing",
 }
-TOP = "(top level)"
 
 
 def explain(e: msgspec.ValidationError, raw: Any, type_: Any) -> InputError:
     """Turns msgspec's message (``... - at `$.a.b```) into key, found and expected."""
     text, _, where = str(e).partition(" - at ")
-    of_key = where.startswith("`key` in ")
-    key, found, inner = "", raw, type_
-    for index, name in re.findall(r"\[([^\]]*)\]|([^.$`\[\]]+)", where.removeprefix("`key` in ")):
-        step = _culprit(found, inner) if index == "..." else index or name
-        key += f"[{step}]" if index and index != "..." else f".{step}" if key else str(step)
-        found = found[int(step)] if isinstance(found, list | tuple) else found.get(step) if found else None
-        inner = _inside(inner, step)
+    key, found, inner = _located(where.removeprefix("`key` in "), raw, type_)
     names = [f.encode_name for struct in _structs(inner) for f in msgspec.structs.fields(struct)]
-    if of_key:
-        odd = next((k for k in found if not isinstance(k, str)), None) if isinstance(found, dict) else None
-        return InputError("a key is not text", key=key or TOP, found=_short(odd), expected="text, in quotes if need be")
     if unknown := re.search(r"unknown field `(.*)`", text):
         name = unknown.group(1)
-        where = f"{key}.{name}" if key else name
-        return InputError(f"unknown key '{name}'", key=where, found=name, expected=nearest(name, names))
+        return InputError(
+            f"unknown key '{name}'", key=f"{key}.{name}" if key else name, found=name, expected=nearest(name, names)
+        )
+    key = key or "(top level)"
     if missing := re.search(r"missing required field `(.*)`", text):
-        return InputError(f"missing key '{missing.group(1)}'", key=key or TOP, expected=missing.group(1))
-    if text.startswith("Invalid enum value"):
-        expected = nearest(found, [str(word) for word in _choices(inner)])
-        if names:
-            expected += f"; or a mapping with {', '.join(names)}"
-    else:
-        expected = _in_words(text)
-    return InputError("wrong value", key=key or TOP, found=_short(found), expected=expected)
+        return InputError(f"missing key '{missing.group(1)}'", key=key, expected=missing.group(1))
+    if where.startswith("`key` in "):
+        odd = next(k for k in found if not isinstance(k, str))
+        return InputError("a key is not text", key=key, found=_short(odd), expected="text, in quotes if need be")
+    if choices := [str(word) for word in _choices(inner)]:
+        expected = nearest(found, choices)
+        expected += f"; or a mapping with {', '.join(names)}" if names else ""
+        expected += "; or a list" if any(get_origin(t) in (list, tuple) for t in _options(inner)) else ""
+        return InputError("wrong value", key=key, found=_short(found), expected=expected)
+    return InputError("wrong value", key=key, found=_short(found), expected=_in_words(text))
+
+
+def _located(where: str, raw: Any, type_: Any) -> tuple[str, Any, Any]:
+    """Key, value and type of what msgspec calls ``$.motion[0].start`` or, in a mapping, ``$.joints[...]``."""
+    key, found, inner = "", raw, type_
+    for index, name in re.findall(r"\[([^\]]*)\]|([^.$`\[\]]+)", where):
+        if isinstance(found, list | tuple):
+            key, step = f"{key}[{index}]", index
+            found = found[int(index)]
+        else:
+            step = _culprit(found, inner) if index else name
+            key = f"{key}.{step}" if key else step
+            found = found[step]
+        inner = _inside(inner, step)
+    return key, found, inner
 
 
 def _in_words(text: str) -> str:

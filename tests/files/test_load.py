@@ -54,6 +54,8 @@ def test_what_is_right_is_read(tmp_path):
         ("      angle_deg: 90", "      angle_deg: much", "motion[1].rotate.angle_deg", 8, '"much"', "a number"),
         ("      angle_deg: 90", "      angle_deg: .nan", "motion[1].rotate.angle_deg", 8, "nan", "a finite number"),
         ("start: {xyz_mm: [60, 0, 165]}", "start: aut", "start", 3, '"aut"', "known: auto; or a mapping with xyz_mm, "),
+        ("start: {xyz_mm: [60, 0, 165]}", "start: 3", "start", 3, "3", "one of: auto; or a mapping with xyz_mm, "),
+        ("motion:", "physics: {gravity: aut}\nmotion:", "physics.gravity", 4, '"aut"', "known: auto; or a list"),
         ("165]}", "165], joints_deg: {a: 1, b: x}}", "start.joints_deg.b", 3, '"x"', "a number"),
         ("object: pencil\n", "object: {}\n", "object", 2, "{}", "text"),
         ("{kind: precision}", "[thumb]", "motion[0].grasp", 5, '["thumb"]', "a mapping or nothing"),
