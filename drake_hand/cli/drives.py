@@ -20,6 +20,7 @@ from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.errors import InputError
+from drake_hand.files import require_folder
 from drake_hand.plans.plan import Plan
 
 app = App(name="drives", help="Scan, inspect and simulate drives.")
@@ -66,6 +67,8 @@ def execute(
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    if log:
+        require_folder(log)
     if dry_run:
         return _dry_run(found, hand, json)
     with ExitStack() as stack:

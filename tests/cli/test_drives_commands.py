@@ -95,9 +95,10 @@ def test_a_plan_that_does_not_hold_is_refused(tmp_path, plan, capsys, no_bus, ch
         (["--drives", "kanguera", "--interface", "no-such", "--channel", "x"], "cannot open the CAN bus"),
         (["--drives", "kanguera", "--simulate", "--channel", "x"], "--simulate has a bus of its own"),
         (["--drives", "kanguera", "--simulate", "--log", "x.npz"], "records of a run end in .run.npz"),
+        (["--drives", "kanguera", "--simulate", "--log", "no-such/x.run.npz"], "no such folder"),
         ([], "drives"),
     ],
-    ids=["drives", "interface", "both", "log", "none"],
+    ids=["drives", "interface", "both", "log", "folder", "none"],
 )
 def test_wrong_arguments_are_one_message_and_status_2(plan, capsys, options, words):
     assert run(["execute", plan, *options]) == 2
