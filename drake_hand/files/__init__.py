@@ -105,8 +105,21 @@ def load(path: Path, type_: type[T]) -> T:
     try:
         return convert(yaml_text.parse(text), type_, file=path)
     except InputError as e:
-        line = e.line or (yaml_text.line_of(text, e.key) if e.key else None)
-        raise InputError(e.message, file=path, key=e.key, found=e.found, expected=e.expected, line=line) from e
+        raise with_line(e, path, text) from e
+
+
+def with_line(e: InputError, path: Path, text: str | None = None) -> InputError:
+    """An error of a file, with the line its key is on; in JSON, which may be all on one line, without.
+
+    Args:
+        e: the error.
+        path: the file.
+        text: what is in it, if it has been read.
+    """
+    line = e.line
+    if line is None and e.key and path.suffix != ".json":
+        line = yaml_text.line_of(read_text(path) if text is None else text, e.key)
+    return InputError(e.message, file=path, key=e.key, found=e.found, expected=e.expected, line=line)
 
 
 def convert(raw: Any, type_: type[T], *, file: Path | str | None = None) -> T:

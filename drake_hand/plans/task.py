@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from drake_hand.errors import InputError
-from drake_hand.files import load, resolve
+from drake_hand.files import load, resolve, with_line
 
 SUFFIX = ".task.yaml"
 
@@ -154,7 +154,10 @@ class Task(_Strict, frozen=True, kw_only=True):
         """
         file = resolve(ref, "tasks", SUFFIX)
         task = load(file, cls)
-        task.validate(file)
+        try:
+            task.validate(file)
+        except InputError as e:
+            raise with_line(e, file) from e
         return task
 
     def validate(self, file: Path | str | None = None) -> None:

@@ -33,6 +33,7 @@ def test_metres_typed_for_millimetres_are_named(tmp_path, right, wrong, key, mea
     with pytest.raises(InputError, match="metres typed for millimetres") as e:
         Task.load(file)
     assert (e.value.key, e.value.expected) == (key, f"{meant}, perhaps")
+    assert e.value.line == 1 + TASK[: TASK.index(right)].count("\n")
 
 
 @pytest.mark.parametrize("small", ["[0, 0, 0]", "[0, 0.5, 0]"])
