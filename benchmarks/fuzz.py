@@ -139,8 +139,8 @@ class Reader:
             "object": list(bundled("objects", ".urdf").values()),
             "drives": [self.drives.file],
         }
-        for mesh in (data_dir() / "hands").rglob("*.obj"):
-            (folder / mesh.name).write_bytes(mesh.read_bytes())
+        for meshes in data_dir().rglob("meshes"):
+            shutil.copytree(meshes, folder / "meshes", dirs_exist_ok=True)
         self.plan = small_plan(self.hand)
 
     def text(self, kind: str, rng: np.random.Generator) -> str:

@@ -95,16 +95,20 @@ def test_a_plan_that_does_not_hold_is_refused(tmp_path, plan, capsys, no_bus, ch
         (["--drives", "kanguera", "--interface", "no-such", "--channel", "x"], "cannot open the CAN bus"),
         (["--drives", "kanguera", "--simulate", "--channel", "x"], "--simulate has a bus of its own"),
         (["--drives", "kanguera", "--simulate", "--log", "x.npz"], "records of a run end in .run.npz"),
-        (["--drives", "kanguera", "--simulate", "--log", "no-such/x.run.npz"], "no such folder"),
         ([], "drives"),
     ],
-    ids=["drives", "interface", "both", "log", "folder", "none"],
+    ids=["drives", "interface", "both", "log", "none"],
 )
 def test_wrong_arguments_are_one_message_and_status_2(plan, capsys, options, words):
     assert run(["execute", plan, *options]) == 2
     err = capsys.readouterr().err
     assert words in err
     assert "Traceback" not in err
+
+
+def test_a_record_that_cannot_be_written_is_refused_before_a_bus_is_opened(plan, capsys, no_bus):
+    assert run(["execute", plan, "--drives", "kanguera", "--log", "no-such/x.run.npz"]) == 2
+    assert "no such folder" in capsys.readouterr().err
 
 
 def test_scan_status_refusal_and_reset_of_drives_of_which_one_is_in_fault(plan, capsys):
