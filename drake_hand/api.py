@@ -1,4 +1,4 @@
-"""The whole way in one call each: plan, check and show, for scripts, notebooks and the command line."""
+"""Plan, check and show in one call each, for scripts, notebooks and the command line."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def solve(
 
     Args:
         task: a task, its bundled name or its path.
-        progress: is told how far the search is.
+        progress: called with how far planning has come.
         seed: instead of the task's.
         time_limit: s, instead of the task's.
 

@@ -25,6 +25,7 @@ class InputError(DrakeHandError, ValueError):
         key: where in the file, dotted (``options.hold``).
         found: the value that was found.
         expected: what would have been right.
+        line: of the file.
     """
 
     exit_status = 2
@@ -37,14 +38,35 @@ class InputError(DrakeHandError, ValueError):
         key: str | None = None,
         found: object = None,
         expected: object = None,
+        line: int | None = None,
     ) -> None:
         self.message, self.file, self.key, self.found, self.expected = message, file, key, found, expected
+        self.line = line
         lines = [message]
-        lines += [f"  file:     {file}"] if file is not None else []
+        lines += [f"  file:     {file}" + (f", line {line}" if line else "")] if file is not None else []
         lines += [f"  key:      {key}"] if key is not None else []
         lines += [f"  found:    {found}"] if found is not None else []
         lines += [f"  expected: {expected}"] if expected is not None else []
         super().__init__("\n".join(lines))
+
+    def within(self, file: Path | str | None) -> InputError:
+        """The same error with a file named; this one if it names a file already."""
+        if self.file is not None or file is None:
+            return self
+        return type(self)(
+            self.message, file=file, key=self.key, found=self.found, expected=self.expected, line=self.line
+        )
+
+    @property
+    def brief(self) -> str:
+        """All of it on one line, for lists of problems."""
+        known = {"in": self.file, "key": self.key, "found": self.found, "expected": self.expected}
+        details = "; ".join(f"{word} {value}" for word, value in known.items() if value is not None)
+        return f"{self.message} ({details})" if details else self.message
+
+
+class MissingFile(InputError, FileNotFoundError):
+    """There is no such file, and no bundled one of that name. Exit status 2."""
 
 
 class Evidence(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -103,9 +125,13 @@ class DriveError(DrakeHandError):
     """A drive or the CAN bus does not do what it has to; says which drive (joint and node) and what."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+class DriveTimeout(DriveError, TimeoutError):
+    """A drive does not answer, or no frame gets out."""
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
     """Names the known words, the nearest to `name` first: the ``expected`` of an unknown-name error."""
     known = list(known)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     listing = ", ".join(known)
     return f"did you mean '{close[0]}'? known: {listing}" if close else f"one of: {listing}"

@@ -6,10 +6,11 @@ import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 from cyclopts.exceptions import UnknownCommandError
 
 from drake_hand import __version__
+from drake_hand.cli.arguments import choices, command_for, exact, offer
 from drake_hand.cli.output import TRACEBACK, report_error
 from drake_hand.errors import DrakeHandError, InputError, nearest
 
@@ -37,7 +38,7 @@ def build(tokens: Sequence[str]) -> App:
         version=__version__,
         help="Plan, prove, show and play finger gaits of dexterous hands.",
         help_format="markdown",
-        default_parameter=Parameter(negative=""),
+        default_parameter=Parameter(negative="", converter=exact, completer=offer),
         suppress_keyboard_interrupt=False,
     )
     for name, (target, summary) in COMMANDS.items():
@@ -51,6 +52,9 @@ def build(tokens: Sequence[str]) -> App:
 def run(tokens: Sequence[str]) -> int:
     """Runs a command; returns its exit status. Errors become one message and the status of their kind."""
     as_json = "--json" in tokens
+    if sys.getfilesystemencoding() != "utf-8":  # in which Drake cannot even be imported
+        found = sys.getfilesystemencoding()
+        return report_error(InputError(f"Drake needs UTF-8, this locale is {found}; set LC_ALL=C.UTF-8"), as_json)
     try:
         result = build(tokens)(list(tokens), exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
@@ -62,8 +66,13 @@ def run(tokens: Sequence[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone; let exit flush in peace
         return 141
+    except FileExistsError as e:
+        wrong = InputError("this is a file", file=e.filename, found="a file", expected="the name of a folder")
+        return report_error(wrong, as_json)
     except OSError as e:
         return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
+    except UnicodeEncodeError as e:
+        return report_error(InputError(f"the output takes only {e.encoding}; set PYTHONIOENCODING=utf-8"), as_json)
     except KeyboardInterrupt:
         print("drake-hand: interrupted", file=sys.stderr)
         return 130
@@ -78,8 +87,11 @@ def _usage_error(e: CycloptsError) -> InputError:
     """What is wrong with the arguments, in one message."""
     if isinstance(e, UnknownCommandError) and e.unused_tokens:
         word, known = e.unused_tokens[0], [n for n in e.app or () if not n.startswith("-")] if e.app else list(COMMANDS)
-        return InputError(f"unknown command '{word}'", found=word, expected=nearest(word, known))
-    return InputError(" ".join(str(e).split()))
+        command = None if e.command_chain else command_for(word)
+        expected = f"did you mean '{command} {word}'?" if command else nearest(word, known)
+        return InputError(f"unknown command '{word}'", found=word, expected=expected)
+    missing = e.argument.field_info.name if isinstance(e, MissingArgumentError) and e.argument else ""
+    return InputError(" ".join(str(e).split()), expected=choices(missing))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""`drake-hand demo`: the whole way at once, from the bundled task to simulated drives."""
+"""`drake-hand demo`: everything at once, from the bundled task to simulated drives."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     """
     from drake_hand.cli import drives
 
+    output.mkdir(exist_ok=True)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     page, physics = output / "spin.html", output / "spin-physics.html"
     steps = {

@@ -20,6 +20,7 @@ from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.errors import InputError
+from drake_hand.files import require_folder
 from drake_hand.plans.plan import Plan
 
 app = App(name="drives", help="Scan, inspect and simulate drives.")
@@ -66,6 +67,8 @@ def execute(
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    if log:
+        require_folder(log)
     if dry_run:
         return _dry_run(found, hand, json)
     with ExitStack() as stack:
@@ -91,7 +94,7 @@ def execute(
 def _open(
     stack: ExitStack, plan: Plan, drives: Drives, interface: str | None, channel: str | None, simulate: bool
 ) -> can.BusABC:
-    """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
+    """The bus; with --simulate, one of simulated drives that start where the plan does (if it is for them)."""
     if not simulate:
         return stack.enter_context(open_bus(drives.bus, interface, channel))
     _, unfit = preflight.plan_problems(plan, drives)

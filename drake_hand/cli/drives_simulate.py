@@ -33,8 +33,8 @@ def simulate(
 ) -> int:
     """Serve simulated drives on a bus, until Ctrl-C.
 
-    Faults can be injected while it runs: each line of JSON on standard input is one, such as
-    `{"kind": "emcy", "joint": "index_pip", "code": 8976}`; `{"kind": "clear", "joint": "all"}` ends what lasts.
+    Faults can be injected while it runs: each line of JSON on standard input is one fault, such as
+    `{"kind": "emcy", "joint": "index_pip", "code": 8976}`; `{"kind": "clear", "joint": "all"}` ends all lasting faults.
 
     ```console
     $ drake-hand drives simulate --at spin.plan.json
@@ -45,10 +45,10 @@ def simulate(
         drives: a bundled name (kanguera) or a drives file.
         interface: python-can interface.
         channel: its channel; of udp_multicast 239.74.163.2:43113 unless given.
-        at: plan at whose first way-point the motors stand; at encoder count 0 unless given.
+        at: plan whose first point the motors start at; without it they start at encoder count 0.
         log: writes the timeline of status words and positions there (JSON lines).
         faults: schedule of faults (YAML).
-        settings: keeps the parameters the drives are told to store (JSON), also over a restart.
+        settings: JSON file that keeps the parameters stored in the drives, across restarts.
         seed: of everything random.
     """
     found = Drives.load(drives)

@@ -19,7 +19,7 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 def check(hand: str, /, *, json: bool = False) -> int:
     """Say what a hand model consists of and what is wrong with it.
 
-    Exit status: 0 nothing stands in the way of planning, 1 something does, 2 the model cannot be read.
+    Exit status: 0 ready for planning, 1 something prevents planning, 2 the model cannot be read.
 
     ```console
     $ drake-hand hand check kanguera
@@ -50,14 +50,10 @@ def check(hand: str, /, *, json: bool = False) -> int:
         ["joint", "finger", "lower>", "upper>", "speed>", "effort>", "follows"],
         ((j["name"], j["finger"], *j["limits"], j["speed"], j["effort"], j["follows"]) for j in report.joints),
     )
-    for title, lines in (("put right on loading", report.repaired), ("worth a look", report.remarks)):
+    for title, lines in (("corrected on loading", report.repaired), ("please check", report.remarks)):
         if lines:
             print("\n  - ".join([f"{title}:", *lines]))
-    print(
-        "\n  - ".join(["in the way of planning:", *report.problems])
-        if status
-        else "nothing stands in the way of planning"
-    )
+    print("\n  - ".join(["prevents planning:", *report.problems]) if status else "ready for planning")
     return status
 
 

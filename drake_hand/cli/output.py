@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,8 +25,12 @@ WIDTH = 120
 
 def print_json(answer: dict[str, Any]) -> None:
     """Prints the one JSON object of a command run with ``--json``."""
-    text = msgspec.json.encode(answer, enc_hook=lambda o: o.tolist() if hasattr(o, "tolist") else str(o))
-    print(text.decode(), flush=True)
+    plain = msgspec.to_builtins(answer, enc_hook=lambda o: o.tolist() if hasattr(o, "tolist") else str(o))
+    try:
+        text = msgspec.json.encode(plain).decode()
+    except UnicodeEncodeError:  # a file name that is not UTF-8
+        text = json.dumps(plain)
+    print(text, flush=True)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -52,7 +57,8 @@ def error_answer(e: DrakeHandError) -> dict[str, Any]:
     if isinstance(e, NoPlanFound):
         return {"status": e.status, "reason": e.reason, "evidence": e.evidence}
     if isinstance(e, InputError):
-        known = {k: str(v) for k in ("file", "key", "found", "expected") if (v := getattr(e, k)) is not None}
+        names = ("file", "line", "key", "found", "expected")
+        known = {k: str(v) for k in names if (v := getattr(e, k)) is not None}
         return {"status": "error", "reason": e.message, **known}
     return {"status": "error", "reason": str(e)}
 
@@ -77,14 +83,20 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         disable=quiet or not sys.stderr.isatty(),
     )
     with display:
-        bar = display.add_task("starting", total=1.0, detail="")
+        bar = display.add_task("starting", total=None, detail="")
+        shown = ""
 
         def update(record: Any) -> None:
             fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
             stage, fraction = fields.pop("stage"), fields.pop("fraction")
             fields.pop("elapsed_s", None)  # the display has its own clock
             detail = "  ".join(f"{k.replace('_', ' ')} {_brief(v)}" for k, v in fields.items() if v)
-            display.update(bar, description=stage, completed=fraction, detail=detail)
+            nonlocal bar, shown
+            if stage != shown:  # share and clock are of a stage: what one has done says nothing about the next
+                shown = stage
+                display.remove_task(bar)
+                bar = display.add_task(stage, total=None, detail=detail)
+            display.update(bar, total=1.0 if fraction else None, completed=fraction, detail=detail)
 
         yield update
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 from cyclopts import Parameter
@@ -14,9 +14,12 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
 from drake_hand.errors import InputError
-from drake_hand.files import resolve, write_atomic
+from drake_hand.files import require_folder, resolve, write_atomic
 from drake_hand.plans.plan import Certificate, Plan, Worst
 from drake_hand.plans.task import SUFFIX
+
+if TYPE_CHECKING:
+    from drake_hand.api import PlanResult
 
 
 def plan(
@@ -25,8 +28,8 @@ def plan(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     html: Path | None = None,
-    seed: int | None = None,
-    time_limit: float | None = None,
+    seed: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
+    time_limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     json: bool = False,
 ) -> int:
     """Find a certified plan for a task.
@@ -51,6 +54,9 @@ def plan(
     output = output or Path(Path(task).name.removesuffix(SUFFIX) + ".plan.json")
     if output.suffix != ".json":
         raise InputError("plan files end in .json", key="--output", found=output, expected=output.with_suffix(".json"))
+    for written in (output, html):
+        if written:
+            require_folder(written)
     with _naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
         result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
     found = result.plan
@@ -74,9 +80,8 @@ def plan(
     _print_parts(found)
     if found.certificate:
         _print_certificate(found.certificate)
-    stages = ", ".join(f"{name} {s:.2f} s" for name, s in result.stages_s.items())
     print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
-    print(f"planned in {result.plan_s:.2f} s ({stages})")
+    print(_times(result))
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
 
@@ -229,7 +234,15 @@ def _naming(file: Path) -> Iterator[None]:
     except InputError as e:
         if e.file is not None:
             raise
-        raise InputError(e.message, file=file, key=e.key, found=e.found, expected=e.expected) from e
+        raise e.within(file) from e
+
+
+def _times(result: PlanResult) -> str:
+    """Where the time went; the stages add up to the whole, the certificate comes after it."""
+    stages = {name: s for name, s in result.stages_s.items() if name != "certificate"}
+    stages["other"] = result.plan_s - sum(stages.values())
+    times = ", ".join(f"{name} {s:.2f}" for name, s in stages.items())
+    return f"planned in {result.plan_s:.2f} s ({times}), then proved in {result.stages_s['certificate']:.2f} s"
 
 
 def _edited(subject: Plan, file: Path) -> InputError | None:

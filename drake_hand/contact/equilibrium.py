@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from drake_hand.compiled import njit
-
 from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 EDGES = 8

@@ -26,7 +26,7 @@ from drake_hand.epos.preflight import Refused, check
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import Schedule
-from drake_hand.errors import DriveError
+from drake_hand.errors import DriveError, DriveTimeout
 from drake_hand.plans.plan import Plan
 
 PROGRESS_S = 0.2
@@ -222,14 +222,14 @@ def _watch(player: Player, duration: float, progress: Callable[[Progress], None]
     """Reports until the run is over.
 
     Raises:
-        DriveError: the bus thread hangs: no SYNC goes out any more.
+        DriveTimeout: the bus thread hangs: no SYNC goes out any more.
     """
     syncs, stuck = -1, 0
     while not player.done.wait(PROGRESS_S):
         stuck = stuck + 1 if player.watch.sync == syncs else 0
         syncs = player.watch.sync
         if stuck * PROGRESS_S > HANGS_S:
-            raise DriveError("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
+            raise DriveTimeout("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
         when, tracking, late = player.log.latest()
         progress(
             Progress(

@@ -25,7 +25,7 @@ from drake_hand.epos import realtime
 from drake_hand.epos.drives import BusSpec
 from drake_hand.epos.objects import DEVICE_TYPE, Obj, abort_words
 from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE, MASTER_NODE, NMT_COB, SDO_RX_BASE, SDO_TX_BASE
-from drake_hand.errors import DriveError, InputError
+from drake_hand.errors import DriveError, DriveTimeout, InputError
 
 NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0x01, 0x80
 """NMT commands."""
@@ -45,6 +45,10 @@ logging.getLogger("canopen").addHandler(logging.NullHandler())
 
 class SdoError(DriveError):
     """A drive refused a read or write, or did not answer."""
+
+
+class SdoTimeout(SdoError, DriveTimeout):
+    """A drive did not answer."""
 
 
 class Cyclic(Protocol):
@@ -178,7 +182,7 @@ class Master:
         except SdoAbortedError as e:
             raise SdoError(f"node {node}: {obj}: {abort_words(e.code)}") from e
         except (SdoCommunicationError, can.CanError) as e:
-            raise SdoError(f"node {node}: {obj}: no answer ({e})") from e
+            raise SdoTimeout(f"node {node}: {obj}: no answer ({e})") from e
 
     def _client(self, node: int) -> canopen.sdo.SdoClient:
         if node not in self._clients:

@@ -66,7 +66,7 @@ def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
     try:
         violations = Schedule.build(plan, drives).violations()
     except InputError as e:
-        return [*problems, " ".join(str(e).split())], True
+        return [*problems, e.brief], True
     return problems + violations, wrong_input or bool(violations)
 
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.files import write_atomic
+from drake_hand.files import read_bytes, write_atomic
 
 SUFFIX = ".run.npz"
 NO_QUEUE = -1
@@ -137,23 +137,37 @@ class RunRecord:
         Raises:
             InputError: not a run record.
         """
+        data, expected = read_bytes(path), f"a {SUFFIX} file, as execute --log writes it"
+        if not zipfile.is_zipfile(io.BytesIO(data)):
+            raise InputError("not the record of a run", file=path, found="another kind of file", expected=expected)
         try:
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 header = msgspec.json.decode(file["header"].tobytes(), type=RunHeader)
-                arrays = {k: file[k] for k in _ARRAYS}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError) as e:
-            raise InputError("not the record of a run", file=path, found=str(e), expected=f"a {SUFFIX} file") from e
-        k, n = len(arrays["t"]), len(header.joints)
+                arrays = {k: file[k].astype(kind, casting="safe") for k, (kind, _) in _ARRAYS.items()}
+        except Exception as e:  # zip, npy and JSON readers raise errors of their own on damaged files
+            found = " ".join(str(e).split()) or type(e).__name__
+            raise InputError("not the record of a run", file=path, found=found, expected=expected) from e
+        k, n = arrays["t"].size, len(header.joints)
         for name, array in arrays.items():
-            if array.shape not in ((k,), (k, n)):
+            if array.shape != ((k,), (k, n))[_ARRAYS[name][1]]:
                 raise InputError(
                     "array has the wrong shape",
                     file=path,
                     key=name,
                     found=array.shape,
-                    expected=f"({k},) or ({k}, {n})",
+                    expected=((k,), (k, n))[_ARRAYS[name][1]],
                 )
         return cls(header=header, **arrays)
 
 
-_ARRAYS = ("t", "late_ms", "step", "playing", "commanded", "measured", "status", "queued")
+_ARRAYS: dict[str, tuple[type, bool]] = {
+    "t": (np.float64, False),
+    "late_ms": (np.float64, False),
+    "step": (np.int64, False),
+    "playing": (np.bool_, False),
+    "commanded": (np.float64, True),
+    "measured": (np.float64, True),
+    "status": (np.uint16, True),
+    "queued": (np.int16, True),
+}
+"""Element type, and whether there is a column per joint."""

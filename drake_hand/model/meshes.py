@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,6 +54,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     """
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of what it then reads otherwise
     try:
         mesh = trimesh.load_mesh(file)
     except Exception as e:  # each of trimesh's readers raises errors of its own
@@ -110,4 +112,6 @@ def write_obj(file: Path, target: Path) -> None:
     """
     from trimesh.exchange.obj import export_obj
 
-    write_atomic(target, export_obj(read_mesh(file), include_normals=True, include_color=False, include_texture=False))
+    text = export_obj(read_mesh(file), include_normals=True, include_color=False, include_texture=False)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(target, text)

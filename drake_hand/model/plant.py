@@ -173,7 +173,7 @@ def _parse(plant: MultibodyPlant, robot: ET.Element, file: Path, report: list[st
     with _drake_log(report):
         try:
             (model,) = parser.AddModelsFromString(write_xml(robot), "urdf")
-        except RuntimeError as e:
+        except (RuntimeError, ValueError) as e:
             found = " ".join(str(e).split())
             raise InputError("Drake cannot read the model", file=file, found=found, expected="a readable URDF") from e
     return model

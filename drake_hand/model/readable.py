@@ -86,6 +86,7 @@ def convert(file: Path, folder: Path) -> list[str]:
     robot, report = readable(Urdf.load(file), rename)
     for mesh, name in names.items():
         write_obj(mesh, folder / name)
+    folder.mkdir(parents=True, exist_ok=True)
     write_atomic(target, write_xml(robot))
     kinds = sorted({mesh.suffix.lower() for mesh in names} - set(DRAKE_READS))
     return report + (

@@ -14,6 +14,17 @@ from drake_hand.files import read_text
 
 _DRAKE = "http://drake.mit.edu"
 ET.register_namespace("drake", _DRAKE)
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "color": {"rgba": 4},
+    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), 1),
+    "dynamics": {"damping": 1, "friction": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+}
+"""By tag and attribute of a URDF: how many numbers. Sizes of shapes are checked where shapes are read."""
 
 
 def drake_tag(name: str) -> str:
@@ -40,7 +51,20 @@ def read_xml(file: Path, tag: str) -> ET.Element:
         raise InputError("not well-formed XML", file=file, found=str(e), expected=f"a <{tag}> document") from e
     if root.tag != tag:
         raise InputError("wrong kind of XML file", file=file, found=f"<{root.tag}>", expected=f"<{tag}>")
+    if tag == "robot":
+        for element in root:
+            _check_numbers(element, file, f"{element.tag} {element.get('name', '')}".strip())
     return root
+
+
+def _check_numbers(element: ET.Element, file: Path, owner: str) -> None:
+    """Refuses lists of numbers that are too long, too short or no numbers, which URDF readers answer by crashing."""
+    for child in element:
+        for attribute, n in _NUMBERS.get(child.tag, {}).items():
+            if attribute in child.attrib:
+                source = Source(file=file, key=f"{owner}: {child.tag} {attribute}", find_mesh=Path)
+                source.numbers(child.get(attribute), n)
+        _check_numbers(child, file, owner)
 
 
 def write_xml(root: ET.Element) -> str:
@@ -72,7 +96,9 @@ class Source:
             values = np.array([float(word) for word in (text or "").split()])
         except ValueError:
             raise self.error("not a number", text, expected) from None
-        if len(values) != n or not np.isfinite(values).all() or (positive and not (values > 0).all()):
+        if not np.isfinite(values).all():
+            raise self.error("wrong numbers: one is not finite", text, expected)
+        if len(values) != n or (positive and not (values > 0).all()):
             raise self.error("wrong numbers", text, expected)
         return values
 

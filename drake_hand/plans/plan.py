@@ -12,9 +12,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from drake_hand.errors import InputError
-from drake_hand.files import load, write_atomic
+from drake_hand.errors import InputError, MissingFile, nearest
+from drake_hand.files import bundled, load, write_atomic
+from drake_hand.plans.task import SUFFIX as TASK_SUFFIX
 from drake_hand.plans.task import Task
+
+SUFFIX = ".plan.json"
 
 Row = list[float]
 
@@ -129,7 +132,10 @@ class Plan(_Strict, frozen=True, kw_only=True):
 
         Raises:
             InputError: schema, shapes, times or numbers are wrong.
+            MissingFile: there is none; says which plan may be meant, or how to make it.
         """
+        if not Path(path).is_file():
+            raise _no_plan(Path(path))
         plan = load(Path(path), cls)
         plan.validate(Path(path))
         return plan
@@ -182,3 +188,15 @@ class Plan(_Strict, frozen=True, kw_only=True):
             yield f"contacts.{name}.p_OP", contact.p_OP, 3
             if contact.f_W is not None:
                 yield f"contacts.{name}.f_W", contact.f_W, 3
+
+
+def _no_plan(path: Path) -> MissingFile:
+    near = path.with_name(f"{path.name}{SUFFIX}")
+    if near.is_file():
+        expected = f"did you mean {near}?"
+    elif str(path) in bundled("tasks", TASK_SUFFIX):
+        expected = f"a plan, which is made by: drake-hand plan {path}"
+    else:
+        plans = sorted(str(p) for p in path.parent.glob(f"*{SUFFIX}"))
+        expected = nearest(path, plans) if plans else f"a file NAME{SUFFIX}"
+    return MissingFile("no such plan", file=path, expected=expected)

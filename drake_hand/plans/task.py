@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,10 +11,15 @@ import msgspec
 from msgspec import Meta
 
 from drake_hand.errors import InputError
-from drake_hand.files import load, resolve
+from drake_hand.files import load, resolve, with_line
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 SUFFIX = ".task.yaml"
+
+_NEAREST_MM = 1.0
+"""An object's origin is not that near the wrist's, inside the hand."""
+_SHORTEST_MM = 0.1
+"""To which a plan reaches its goal; a shorter move is none."""
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Meta(gt=0)]
@@ -137,6 +144,17 @@ class Task(_Strict, frozen=True, kw_only=True):
     physics: Physics = Physics()
     options: Options = Options()
 
+    def _lengths(self) -> Iterator[tuple[str, tuple[float, ...], float]]:
+        """Key, position or way in mm, and what it is never shorter than unless it is meant in metres."""
+        if isinstance(self.start, Pose):
+            yield "start.xyz_mm", self.start.xyz_mm, _NEAREST_MM
+        for i, step in enumerate(self.motion):
+            if step.move_to:
+                yield f"motion[{i}].move_to.xyz_mm", step.move_to.xyz_mm, _NEAREST_MM
+            for kind in ("translate", "slide", "push"):
+                if moved := getattr(step, kind):
+                    yield f"motion[{i}].{kind}.by_mm", moved.by_mm, _SHORTEST_MM
+
     @classmethod
     def load(cls, ref: str | Path) -> Task:
         """Loads a task by bundled name or path; hand and object paths become absolute.
@@ -146,7 +164,10 @@ class Task(_Strict, frozen=True, kw_only=True):
         """
         file = resolve(ref, "tasks", SUFFIX)
         task = load(file, cls)
-        task.validate(file)
+        try:
+            task.validate(file)
+        except InputError as e:
+            raise with_line(e, file) from e
         return task
 
     def validate(self, file: Path | str | None = None) -> None:
@@ -159,6 +180,10 @@ class Task(_Strict, frozen=True, kw_only=True):
         def refuse(message: str, key: str, found: object, expected: str) -> None:
             raise InputError(message, file=file, key=key, found=found, expected=expected)
 
+        for key, mm, shortest in self._lengths():
+            if 0 < math.hypot(*mm) < shortest:
+                meant = [round(x * 1e3, 6) for x in mm]
+                refuse(f"less than {shortest:g} mm: metres typed for millimetres?", key, list(mm), f"{meant}, perhaps")
         held = bool(isinstance(self.start, Pose) and self.start.joints_deg)
         for i, step in enumerate(self.motion):
             given = [k for k in step.__struct_fields__ if getattr(step, k) is not None]

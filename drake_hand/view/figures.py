@@ -43,7 +43,7 @@ def draw_plan(plan: Plan, hand: Hand, folder: Path) -> list[Path]:
     }
     if np.any(states.f_W):
         drawings["forces"] = lambda: draw_forces(plan, states)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     files = []
     for name, draw in drawings.items():
         figure = draw()

@@ -41,11 +41,15 @@ def add_panel(
         html: the page; its recording must last as long as the plan.
         plan: what is shown.
         facts: lines of the card; the certificate's worst values if not given.
-        verdict: the badge and whether it is good news; whether the plan is certified if not given.
+        verdict: the badge and whether it is good news; whether the plan is certified, if not given.
     """
-    badge, good = verdict or ("certified" if plan.certified else "not certified", plan.certified)
+    edited = plan.certificate is not None and plan.certificate.plan_hash != plan.hash
+    word = "certified" if plan.certified else "edited since it was certified" if edited else "not certified"
+    badge, good = verdict or (word, plan.certified)
     if facts is None:
         facts = certificate_facts(plan.certificate) if plan.certificate else []
+        if edited:  # they are about what the plan was
+            facts = [(name, "", True) for name, _, _ in facts]
     data = {
         "title": title(plan),
         "subtitle": f"{plan.hand}, {plan.duration:.1f} s",

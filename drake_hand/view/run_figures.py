@@ -23,7 +23,7 @@ def draw_run(record: RunRecord, folder: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     files = []
     for name, draw in {"tracking": draw_tracking, "errors": draw_errors}.items():
         files.append(folder / f"{name}.png")

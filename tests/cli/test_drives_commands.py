@@ -106,6 +106,11 @@ def test_wrong_arguments_are_one_message_and_status_2(plan, capsys, options, wor
     assert "Traceback" not in err
 
 
+def test_a_record_that_cannot_be_written_is_refused_before_a_bus_is_opened(plan, capsys, no_bus):
+    assert run(["execute", plan, "--drives", "kanguera", "--log", "no-such/x.run.npz"]) == 2
+    assert "no such folder" in capsys.readouterr().err
+
+
 def test_scan_status_refusal_and_reset_of_drives_of_which_one_is_in_fault(plan, capsys):
     fault = FaultsFile(faults=[Fault(kind="emcy", joint="ring_pip", code=0x3220, since="boot", at_s=0.0)])
 

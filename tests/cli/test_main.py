@@ -1,14 +1,18 @@
 """Every way the command line can end: one message, one JSON object, one exit status."""
 
 import json
+import os
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
+import rich.progress
 
 from drake_hand import cli
+from drake_hand.cli import output
 from drake_hand.errors import DrakeHandError, Evidence, InputError, NoPlanFound
+from drake_hand.planning.search import Progress
 
 
 @pytest.fixture
@@ -37,7 +41,19 @@ def raising(error: BaseException):
     ("tokens", "said"),
     [
         (["plam"], "did you mean 'plan'?"),
-        (["plan"], "requires an argument"),
+        (["spin"], "did you mean 'plan spin'?"),
+        (["my.plan.json"], "did you mean 'show my.plan.json'?"),
+        (["plan"], "one of: carry, carry_far, paper, spin, twirl"),
+        (["check"], "a file NAME.plan.json"),
+        (["hand", "chek"], "did you mean 'check'?"),
+        (["check", "spin"], "made by: drake-hand plan spin"),
+        (["plan", "spin", "--seed", "2.5"], "2.5 is not a whole number"),
+        (["plan", "spin", "--seed", "-1"], "Must be >= 0"),
+        (["simulate", "x", "--runs", "2.5"], "2.5 is not a whole number"),
+        (["plan", "spin", "--time-limit", "-1"], "Must be > 0"),
+        (["plan", "spin", "--time-limit", "nan"], "nan is not a finite number"),
+        (["plan", "spin", "-o", "no-such-folder/x.json"], "no such folder"),
+        (["plan", "spin", "--html", "no-such-folder/x.html"], "no such folder"),
         (["plan", "spin", "--sede", "1"], "--sede"),
         (["plan", "spin", "--seed", "x"], '"x"'),
         (["plan", "spin", "-o", "spin.yaml"], "plan files end in .json"),
@@ -100,6 +116,28 @@ def test_unexpected_exception_is_named_and_its_traceback_is_to_be_had(probe, cap
         cli.run(["probe"])
 
 
+def test_a_locale_that_drake_cannot_be_imported_in_is_named():
+    code = "from drake_hand.cli import main; import sys; sys.argv = ['drake-hand', 'check', 'x']; main()"
+    locale = {"PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "LC_ALL": "C"}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | locale, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "drake-hand: Drake needs UTF-8, this locale is ascii; set LC_ALL=C.UTF-8\n"
+
+
+def test_output_of_few_letters_is_one_message(probe, capsys):
+    probe(raising(UnicodeEncodeError("ascii", "\u00e4" * 1000, 0, 1, "ordinal not in range(128)")))
+    assert cli.run(["probe"]) == 2
+    assert capsys.readouterr().err == "drake-hand: the output takes only ascii; set PYTHONIOENCODING=utf-8\n"
+
+
+def test_json_of_a_file_name_that_is_no_text():
+    code = "from drake_hand.cli import main; import sys; sys.argv = ['drake-hand', *sys.argv[1:]]; main()"
+    command = [sys.executable, "-c", code, "check", b"\xc3.plan.json", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["file"] == "\udcc3.plan.json"
+
+
 def test_interrupt_is_130(probe, capsys):
     probe(raising(KeyboardInterrupt()))
     assert cli.run(["probe"]) == 130
@@ -138,3 +176,68 @@ def test_completion_can_be_installed(tmp_path, monkeypatch, capsys):
     text = script.read_text()
     assert "drake-hand" in text
     assert "simulate" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["plan", "s"], {"spin", "mine.task.yaml"}),
+        (["check", ""], {"mine.plan.json", "sub/"}),
+        (["check", "sub/"], {"sub/other.plan.json"}),
+        (["execute", "mine.plan.json", "--drives", ""], {"kanguera", "mine.drives.yaml"}),
+        (["hand", "check", ""], {"kanguera"}),
+        (["mirror", ""], {"today.run.npz"}),
+        (["modes", "--hand", ""], {"kanguera"}),
+        (["hand", "init", ""], {"my.urdf"}),
+        (["plan", "spin", "-o", "sub/"], {"sub/other.plan.json"}),
+        (["execute", "mine.plan.json", "--interface", ""], set()),
+    ],
+)
+def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, tmp_path, monkeypatch, capsys):
+    (tmp_path / "sub").mkdir()
+    names = [
+        "mine.task.yaml",
+        "mine.plan.json",
+        "mine.drives.yaml",
+        "today.run.npz",
+        "notes.txt",
+        "my.urdf",
+        "sub/other.plan.json",
+    ]
+    for name in names:
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["__complete", *words]) == 0
+    found = set(capsys.readouterr().out.partition("\x1fbegin\n")[2].split())
+    assert offered <= found
+    assert not {n for n in found if n.endswith((".json", ".yaml", ".npz", ".txt", ".urdf"))} - offered
+
+
+def test_progress_is_that_of_the_stage(monkeypatch):
+    """What the search has done says nothing about the certificate."""
+    seen = []
+
+    class Watched(rich.progress.Progress):
+        def update(self, task_id, **fields):
+            super().update(task_id, **fields)
+            task = self.tasks[0]
+            seen.append((task.description, task.completed, task.total))
+
+    monkeypatch.setattr(output, "Progress", Watched)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with output.progress_display(quiet=False) as progress:
+        for stage, fraction in (
+            ("reach", 0.0),
+            ("search", 0.5),
+            ("search", 0.7),
+            ("certificate", 0.0),
+            ("certificate", 0.2),
+        ):
+            progress(Progress(stage=stage, fraction=fraction))
+    assert seen == [
+        ("reach", 0.0, None),
+        ("search", 0.5, 1.0),
+        ("search", 0.7, 1.0),
+        ("certificate", 0.0, None),
+        ("certificate", 0.2, 1.0),
+    ]

@@ -46,8 +46,9 @@ def test_a_refusal_is_told_in_words(shared):
 
 def test_a_node_that_is_not_there_does_not_answer(shared):
     master, _ = shared
-    with pytest.raises(SdoError, match=r"node 77: .*no answer"):
+    with pytest.raises(SdoError, match=r"node 77: .*no answer") as e:
         master.read(77, od.STATUSWORD)
+    assert isinstance(e.value, TimeoutError)
 
 
 def test_scan_finds_every_node_within_a_second(shared):

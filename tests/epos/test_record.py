@@ -56,6 +56,39 @@ def test_what_is_saved_is_what_is_read(tmp_path):
         np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
 
 
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("t", np.array(0.0)),
+        ("t", np.zeros((60, 2))),
+        ("step", np.arange(60) + 0.5),
+        ("playing", np.arange(60)),
+        ("measured", np.zeros(60)),
+        ("measured", np.full((60, 2), "x")),
+        ("commanded", np.zeros((60, 2), complex)),
+    ],
+)
+def test_arrays_of_another_shape_or_type_are_refused(tmp_path, name, array):
+    file = tmp_path / "x.run.npz"
+    record = run()
+    header = np.frombuffer(msgspec.json.encode(record.header), dtype=np.uint8)
+    arrays = {k: getattr(record, k) for k in _ARRAYS}
+    np.savez(file, header=header, **arrays)
+    RunRecord.load(file)
+    np.savez(file, header=header, **(arrays | {name: array}))
+    with pytest.raises(InputError):
+        RunRecord.load(file)
+
+
+@pytest.mark.parametrize("content", [b"", b"hand: kanguera\n", b"{}", b"PK\x03\x04" + bytes(40)])
+def test_a_file_of_another_kind_is_no_record(tmp_path, content):
+    file = tmp_path / "x.run.npz"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match="not the record of a run") as e:
+        RunRecord.load(file)
+    assert "pickle" not in str(e.value)
+
+
 def test_plan_time_begins_after_the_lead_in():
     assert run().plan_time[[0, 5, 6]] == pytest.approx([-0.05, 0.0, 0.01])
 

@@ -218,7 +218,7 @@ def test_shapes_are_where_the_object_s_file_puts_them(kanguera, tmp_path):
     ],
 )
 def test_wrong_shapes_and_masses_are_one_clear_error(small, old, new, message):
-    hand = Hand.load(small({old: new}))
+    file = small({old: new})
     with pytest.raises(InputError, match=message) as error:
-        Scene(hand)
+        Scene(Hand.load(file))
     assert error.value.file.name == "small.urdf" or message == "cannot read mesh"

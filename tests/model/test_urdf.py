@@ -39,7 +39,12 @@ def test_shapes_of_drake_are_no_obstacle(small):
         ({'<robot name="small">': "<sdf>", "</robot>": "</sdf>"}, "wrong kind"),
         ({LIMIT: LIMIT.replace("1.5", "-1.5")}, "wrong way round"),
         ({LIMIT: LIMIT.replace("1.5", "nan")}, "not finite"),
-        ({LIMIT: LIMIT.replace("1.5", "wide")}, "cannot read"),
+        ({LIMIT: LIMIT.replace("1.5", "wide")}, "not a number"),
+        (
+            {'xyz="0.01 0.02 0.03"': 'xyz="0.01 0.02"'},
+            r"key: +joint .*: origin xyz\n +found: +0.01 0.02\n +expected: 3 finite",
+        ),
+        ({'xyz="0.01 0.02 0.03"': 'xyz=""'}, "origin xyz"),
         ({'xyz="0.01 0.02 0.03"': 'xyz="0.01 inf 0.03"'}, "not finite"),
         ({'<axis xyz="0 1 0"/>': '<axis xyz="0 0 0"/>'}, "axis is zero"),
         ({'type="revolute"': 'type="ball"'}, "not supported"),
@@ -65,5 +70,5 @@ def test_link_with_two_parents(small):
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(InputError, match="cannot read file"):
+    with pytest.raises(InputError, match="no such file"):
         Urdf.load(tmp_path / "none.urdf")

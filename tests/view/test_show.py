@@ -50,6 +50,18 @@ def test_card_shows_what_was_asked_first_and_whatever_fails(sample_plan):
     assert certificate_facts(certificate) == facts
 
 
+def test_card_of_an_edited_plan_says_so_and_claims_nothing(sample_plan):
+    found = {"slip_mm": Worst(value=0.1, limit=0.5, ok=True), "speed_ratio": Worst(value=1.5, limit=1.0, ok=False)}
+    certificate = Certificate(certified=True, samples=1, worst=found, failures=[], plan_hash=sample_plan.hash)
+    plan = msgspec.structs.replace(sample_plan, certificate=certificate)
+    data = panel_data(add_panel("<body></body>", plan))
+    assert (data["verdict"], data["good"]) == ("certified", True)
+    assert data["facts"] == [["slip mm", "0.1", True], ["speed ratio", "1.5", False]]
+    data = panel_data(add_panel("<body></body>", msgspec.structs.replace(plan, seed=plan.seed + 1)))
+    assert (data["verdict"], data["good"]) == ("edited since it was certified", False)
+    assert data["facts"] == [["slip mm", "", True], ["speed ratio", "", True]]
+
+
 def test_card_counts_turns_with_winding(sample_plan):
     t = np.linspace(0, 2, 201)
     poses = [[np.cos(a / 2), 0.0, np.sin(a / 2), 0.0, 0.1, 0.0, 0.0] for a in 2 * np.pi * t]

@@ -1,0 +1,43 @@
+"""Tasks whose numbers cannot be meant as they stand."""
+
+import pytest
+
+from drake_hand.errors import InputError
+from drake_hand.plans.task import Task
+
+TASK = """hand: kanguera
+object: pencil
+start: {xyz_mm: [60, 0, 165]}
+motion:
+  - grasp: {}
+  - translate: {by_mm: [0, 0, 10]}
+  - slide: {finger: index, by_mm: [0, 15]}
+  - move_to: {xyz_mm: [60, 0, 175], rpy_deg: [0, 0, 0]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "key", "meant"),
+    [
+        ("start: {xyz_mm: [60, 0, 165]}", "start: {xyz_mm: [0.06, 0, 0.165]}", "start.xyz_mm", "[60.0, 0.0, 165.0]"),
+        ("[0, 0, 10]", "[0, 0, 0.01]", "motion[1].translate.by_mm", "[0.0, 0.0, 10.0]"),
+        ("[0, 15]", "[0, -0.015]", "motion[2].slide.by_mm", "[0.0, -15.0]"),
+        ("[60, 0, 175]", "[0.06, 0, 0.175]", "motion[3].move_to.xyz_mm", "[60.0, 0.0, 175.0]"),
+    ],
+)
+def test_metres_typed_for_millimetres_are_named(tmp_path, right, wrong, key, meant):
+    file = tmp_path / "x.task.yaml"
+    file.write_text(TASK)
+    Task.load(file)
+    file.write_text(TASK.replace(right, wrong))
+    with pytest.raises(InputError, match="metres typed for millimetres") as e:
+        Task.load(file)
+    assert (e.value.key, e.value.expected) == (key, f"{meant}, perhaps")
+    assert e.value.line == 1 + TASK[: TASK.index(right)].count("\n")
+
+
+@pytest.mark.parametrize("small", ["[0, 0, 0]", "[0, 0.5, 0]"])
+def test_small_moves_are_none_of_that(tmp_path, small):
+    file = tmp_path / "x.task.yaml"
+    file.write_text(TASK.replace("[0, 0, 10]", small))
+    Task.load(file)
