@@ -104,6 +104,13 @@ class Physics(_Strict, frozen=True, kw_only=True):
     object_mass_kg: Positive | None = None
 
 
+class Corridor(_Strict, frozen=True, kw_only=True):
+    """How far the object may be beside the nominal way of a step while it moves."""
+
+    mm: Positive = 15.0
+    deg: Positive = 15.0
+
+
 class Options(_Strict, frozen=True, kw_only=True):
     """How to plan."""
 
@@ -115,6 +122,8 @@ class Options(_Strict, frozen=True, kw_only=True):
     timing: Literal["parabolic", "optimal"] = "parabolic"
     seed: Annotated[int, Meta(ge=0)] = 0
     time_limit_s: Positive = 60.0
+    corridor: Corridor | Literal["none"] = Corridor()
+    """``none``: the object keeps to the nominal way itself."""
 
 
 class Task(_Strict, frozen=True, kw_only=True):
