@@ -60,4 +60,4 @@ def swing(
         versions={},
     )
     certificate = Certificate(certified=certified, samples=1, worst={}, failures=[], plan_hash=plan.hash)
-    return msgspec.structs.replace(plan, certificate=certificate)
+    return msgspec.structs.replace(plan, certificate=certificate.sealed())

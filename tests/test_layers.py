@@ -13,7 +13,7 @@ import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
 _PLANNER = ["errors", "files", "compiled", "model", "plans", "contact", "modes", "planning", "motion"]
-ROWS = [*_PLANNER, "verify", "physics", "epos", "view", "api", "cli"]
+ROWS = [*_PLANNER, "verify", "physics", "epos", "view", "api", "sweep", "cli"]
 EPOS_MAY_USE = {"errors", "files", "plans", "epos"}
 HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),
     "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
     "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),
+    "sweep": ("drake_hand.cli.sweep:sweep", "Plan, prove and replay a grid of tasks, on all cores or a cluster."),
     "bench": ("drake_hand.cli.bench:bench", "Measure speed on this machine."),
 }
 """Name: (where it is, its line in ``drake-hand --help``)."""

@@ -32,6 +32,8 @@ UNITS = {
     "plan_over_check": "planning time over checking time, full turn",
     "five_over_three": "planning time with five fingers over three, full turn, kinematic",
     "turns10_over_1": "planning time of ten turns over one",
+    "certificate_per_s": "samples of a full turn proved per second",
+    "certificate_vs_all_pairs": "times the rate of a certificate that asks Drake about every pair at every sample",
     "realtime_factor": "physics replay, times real time",
 }
 
@@ -63,6 +65,7 @@ def bench(
         "equilibrium": _equilibrium,
         "planning": _planning,
         "fingers": _fingers,
+        "certificate": _certificate,
         "physics": _physics,
     }
     for name, measure in measures.items():
@@ -159,6 +162,14 @@ def _fingers(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 
     three = ("thumb", "index", "middle")
     yield "five_over_three", [plan_s(*three, "ring", "little") / plan_s(*three) for _ in range(runs)]
+
+
+def _certificate(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand import api
+    from drake_hand.cli.bench_certificate import certificate_samples
+
+    plan = api.plan(turned(Task.load("spin"), 360.0), seed=seed)
+    yield from certificate_samples(plan, repeats=runs).items()
 
 
 def _physics(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:

@@ -247,7 +247,17 @@ def _times(result: PlanResult) -> str:
 
 def _edited(subject: Plan, file: Path) -> InputError | None:
     """The error of a plan whose certificate is about another content."""
-    if subject.certificate is None or subject.certificate.plan_hash == subject.hash:
+    if subject.certificate is None:
+        return None
+    if not subject.certificate.intact:
+        return InputError(
+            "certificate was changed after it was made",
+            file=file,
+            key="certificate.digest",
+            found=subject.certificate.digest,
+            expected=f"{subject.certificate.sealed().digest} (the digest of what it says now)",
+        )
+    if subject.certificate.plan_hash == subject.hash:
         return None
     return InputError(
         "plan was changed after it was certified",

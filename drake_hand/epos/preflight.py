@@ -61,6 +61,9 @@ def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
     elif plan.certificate.plan_hash != plan.hash:
         problems.append("the plan was edited after it was certified: its hash is not that of the certificate")
         wrong_input = True
+    elif not plan.certificate.intact:
+        problems.append("the certificate was edited: its digest is not that of what it says")
+        wrong_input = True
     elif not plan.certificate.certified:
         problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))
     try:

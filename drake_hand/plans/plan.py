@@ -81,6 +81,17 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     failures: list[str]
     plan_hash: str
     """Hash of the plan it certifies."""
+    digest: str = ""
+    """sha256 over all of the certificate but this."""
+
+    def sealed(self) -> Certificate:
+        """The same with its digest."""
+        return msgspec.structs.replace(self, digest=_digest(msgspec.structs.replace(self, digest="")))
+
+    @property
+    def intact(self) -> bool:
+        """Whether it says what it said when it was made."""
+        return self.digest == self.sealed().digest
 
 
 class Plan(_Strict, frozen=True, kw_only=True):
@@ -113,14 +124,13 @@ class Plan(_Strict, frozen=True, kw_only=True):
     @property
     def hash(self) -> str:
         """sha256 over everything but the certificate, as it reads back from a file (where 1 is 1.0)."""
-        bare = msgspec.json.encode(msgspec.structs.replace(self, certificate=None))
-        read = msgspec.json.decode(bare, type=Plan)
-        return hashlib.sha256(msgspec.json.encode(read, order="deterministic")).hexdigest()
+        return _digest(msgspec.structs.replace(self, certificate=None))
 
     @property
     def certified(self) -> bool:
-        """Whether it carries a certificate that says yes and is about this very plan."""
-        return self.certificate is not None and self.certificate.certified and self.certificate.plan_hash == self.hash
+        """Whether it carries a certificate that says yes, is as it was made, and is about this very plan."""
+        c = self.certificate
+        return c is not None and c.certified and c.intact and c.plan_hash == self.hash
 
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
@@ -200,3 +210,9 @@ def _no_plan(path: Path) -> MissingFile:
         plans = sorted(str(p) for p in path.parent.glob(f"*{SUFFIX}"))
         expected = nearest(path, plans) if plans else f"a file NAME{SUFFIX}"
     return MissingFile("no such plan", file=path, expected=expected)
+
+
+def _digest(whole: msgspec.Struct) -> str:
+    """sha256 of a structure as it reads back from a file (where 1 is 1.0)."""
+    read = msgspec.json.decode(msgspec.json.encode(whole), type=type(whole))
+    return hashlib.sha256(msgspec.json.encode(read, order="deterministic")).hexdigest()

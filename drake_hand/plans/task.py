@@ -115,8 +115,8 @@ class Physics(_Strict, frozen=True, kw_only=True):
 class Corridor(_Strict, frozen=True, kw_only=True):
     """How far the object may be beside the nominal way of a step while it moves."""
 
-    mm: Annotated[float, Meta(ge=0)] = 15.0
-    deg: Annotated[float, Meta(ge=0, le=90)] = 15.0
+    mm: Positive = 15.0
+    deg: Positive = 15.0
 
 
 class Options(_Strict, frozen=True, kw_only=True):

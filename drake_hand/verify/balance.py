@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.compiled import njit
 from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
 
@@ -91,21 +92,30 @@ def unbalanced(states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.nda
     grip = body.friction * np.maximum(press, 0.0)
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     limit = body.torsion_radius * np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
-    torque = _add_torsion(torque, n_W, limit)
+    torque = np.ascontiguousarray(torque)
+    _add_torsion(torque, np.ascontiguousarray(n_W), np.ascontiguousarray(limit))
     tolerance = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
     return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH) / tolerance
 
 
-def _add_torsion(torque: np.ndarray, n: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """(k, 3) what is left of a torque when moments m_f n_f, |m_f| <= limit (k, F), reduce it as far as they can."""
-    moment = np.zeros_like(limit)
-    for _ in range(_SWEEPS):
-        for f in range(limit.shape[1]):
-            wanted = moment[:, f] - np.sum(torque * n[:, f], axis=1)
-            new = np.clip(wanted, -limit[:, f], limit[:, f])
-            torque = torque + (new - moment[:, f])[:, None] * n[:, f]
-            moment[:, f] = new
-    return torque
+@njit("void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1])")
+def _add_torsion(torque, n, limit):
+    """Reduces torques (k, 3) as far as moments m_f n_f, |m_f| <= limit (k, F), can."""
+    moment = np.empty(limit.shape[1])
+    for k in range(len(torque)):
+        moment[:] = 0.0
+        for _ in range(_SWEEPS):
+            changed = False
+            for f in range(len(moment)):
+                along = torque[k, 0] * n[k, f, 0] + torque[k, 1] * n[k, f, 1] + torque[k, 2] * n[k, f, 2]
+                new = min(max(moment[f] - along, -limit[k, f]), limit[k, f])
+                step = new - moment[f]
+                changed = changed or step != 0.0
+                for i in range(3):
+                    torque[k, i] += step * n[k, f, i]
+                moment[f] = new
+            if not changed:
+                break
 
 
 def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray, ratio: np.ndarray) -> np.ndarray:

@@ -10,7 +10,9 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory
+from drake_hand.verify.command import check_command
 from drake_hand.verify.contacts import check_contacts
+from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import check_goal
 from drake_hand.verify.hold import check_hold
@@ -41,6 +43,9 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
     - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's
       weight (torque: that weight at 10 mm).
+    - ``command_force_n``: difference of the contact forces that the commanded offsets bring about from those stated;
+      per newton where a contact bears more than one.
+    - ``corridor_mm``, ``corridor_deg``: how far the object is beside the nominal way of the step it is carried along.
     - ``goal_position_mm``, ``goal_rotation_deg``: off the start pose or a step's goal, winding counted.
     - ``mode``: number of violations in the walk through the automaton.
     - ``init``, ``inv``, ``contact``, ``jump``: how many clauses of the automaton's predicates fail: at the start, while
@@ -65,14 +70,16 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     check_contacts(seen, plan, findings)
     check_predicates(seen, plan, scene, findings)
     stages = check_goal(plan.task, seen.states, findings)
+    check_corridor(plan.task, seen.states, stages, findings)
     check_hold(seen, plan, scene, stages, findings)
+    check_command(seen, plan, scene, findings)
     return Certificate(
         certified=not findings.failures,
         samples=len(seen.states.t),
         worst=findings.worst,
         failures=findings.failures,
         plan_hash=plan.hash,
-    )
+    ).sealed()
 
 
 def predicates_along(plan: Plan, *, progress: Callable[[float], None] | None = None) -> list[Judgement]:

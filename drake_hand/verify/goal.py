@@ -24,6 +24,14 @@ class Stage:
     name: str
     first: int
     last: int
+    X_from: np.ndarray
+    """(4, 4) goal of the step before."""
+    goal: np.ndarray
+    """(4, 4)."""
+    turn: np.ndarray
+    """(3,) axis times angle of its rotation in W, winding counted, rad."""
+    about: np.ndarray
+    """(3,) point about which it turns: O's origin, wherever that is, unless it is a rotation about another."""
 
 
 def pose(p: Pose | MoveTo) -> np.ndarray:
@@ -58,7 +66,8 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
     for i, step in enumerate(task.motion):
         name = f"step {i + 1}, {step.kind}"
         if i not in moving:
-            stages.append(Stage(step=step, name=name, first=first, last=first))
+            still = {"X_from": X, "goal": X, "turn": np.zeros(3), "about": X[:3, 3]}
+            stages.append(Stage(step=step, name=name, first=first, last=first, **still))
             continue
         goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
@@ -69,7 +78,13 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
         error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])
         at = len(error) - 1 if i == moving[-1] else _first_closest(error)
         _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), name)
-        stages.append(Stage(step=step, name=name, first=first, last=first + at))
+        turn = Rotation.from_matrix(goal[:3, :3] @ X[:3, :3].T).as_rotvec() if axis is None else angle * axis
+        about = X[:3, 3]
+        if step.rotate and step.rotate.about_mm:
+            about = np.array(step.rotate.about_mm) / 1000
+        stages.append(
+            Stage(step=step, name=name, first=first, last=first + at, X_from=X, goal=goal, turn=turn, about=about)
+        )
         X, first = goal, first + at
     return stages
 

@@ -1,23 +1,29 @@
-"""What Drake sees at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
+"""What there is to see at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from pydrake.geometry import Role
-from pydrake.math import RigidTransform
-from pydrake.multibody.tree import JacobianWrtVariable
 
+from drake_hand.model.hand import Finger
 from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import States, Trajectory
+from drake_hand.verify.findings import TOLERANCES
+from drake_hand.verify.kinematics import Tree
+from drake_hand.verify.motion import levers, travel_rates
+from drake_hand.verify.pairs import Clearances, Shapes, deepest
+from drake_hand.verify.surface import Solid
 
 STEP_S = 2e-3
 STEP_DEG = 0.25
 """Largest distance between samples in time and in rotation of the object."""
 NEAR = 2e-3
 """m; clearances beyond this are not looked at."""
+CHUNK = 2048
+"""Samples looked at together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +43,22 @@ class Observed:
     """(k, F, 3) object's outward normal towards the tip; NaN likewise."""
     p_OS: np.ndarray
     """(k, F, 3) point of the object's surface nearest to the tip; NaN likewise."""
-    clearance: np.ndarray
-    """(k,) least distance of any two shapes other than a fingertip and the object, m; at most `NEAR`."""
-    nearest: list[str]
-    """(k) the pair of bodies it is between."""
+    nearest: tuple[float, int, str]
+    """Least distance of any two shapes other than a fingertip and the object, m, at most `NEAR`; at which sample, and
+    between which bodies."""
+    between: tuple[float, int, str]
+    """How deep, at most, such a pair can be in each other between samples, or a FREE tip in the object beyond what a
+    contact tolerates, m; after which sample, and which bodies."""
+    travel: np.ndarray
+    """(k, b + 1) how far points of a body of the hand, last of the object, can move until the next sample, m; -1 at
+    the end of a part."""
+    J_WS: np.ndarray
+    """(k, F, 3, m) velocity of the tip's material at the contact per its finger's commanded joints; zero in columns
+    that are not used and where nothing touches."""
     torque: np.ndarray
     """(k, nq) joint torques that the contact forces take, Nm."""
+    weight: np.ndarray
+    """(k, nq) joint torques that gravity exerts on the links, Nm."""
 
 
 def sample_times(trajectory: Trajectory) -> list[np.ndarray]:
@@ -61,7 +77,7 @@ def sample_times(trajectory: Trajectory) -> list[np.ndarray]:
 
 
 def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], None] | None = None) -> Observed:
-    """Walks through a plan with Drake.
+    """Walks through a plan.
 
     Args:
         trajectory: of the plan.
@@ -69,31 +85,50 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
         progress: told the share done, now and then.
     """
     plan, hand = trajectory.plan, scene.hand
+    assert scene.object is not None
     pieces = [trajectory.at(t, part=i) for i, t in enumerate(sample_times(trajectory))]
     states = States(
         **{name: np.concatenate([getattr(p, name) for p in pieces]) for name in States.__dataclass_fields__}
     )
     k, fingers = len(states.t), len(plan.fingers)
     digits = np.array([[int(c) for c in part.mode] for part in plan.parts])[states.part]
-    look = _Look(scene)
+    tree, solid = Tree.of(scene), Solid.of(scene.object)
+    radius = np.array([f.radius for f in hand.fingers])
     X_WC = np.zeros((k, fingers, 4, 4))
-    gap, n_W = np.full((k, fingers), np.nan), np.full((k, fingers, 3), np.nan)
-    clearance, nearest = np.full(k, NEAR), []
-    torque = np.zeros((k, hand.nq))
-    pressing = np.any(states.f_W, axis=2)
-    for i in range(k):
-        scene.set(states.q[i], RigidTransform(states.X_WO[i]))
-        look.tips(X_WC[i])
-        clearance[i], pair = look.distances(digits[i], gap[i], n_W[i])
-        nearest.append(pair)
-        if pressing[i].any():
-            torque[i] = look.torques(pressing[i], states.f_W[i], n_W[i])
-        if progress is not None and i % 1000 == 0:
-            progress(i / k)
-    R_WO = states.X_WO[:, :3, :3]
-    n_O = np.einsum("kji,kfj->kfi", R_WO, n_W)
-    reach = np.array([f.radius for f in hand.fingers]) + gap
-    p_OC = np.einsum("kji,kfj->kfi", R_WO, X_WC[:, :, :3, 3] - states.X_WO[:, None, :3, 3])
+    p_OC, n_O = np.zeros((k, fingers, 3)), np.zeros((k, fingers, 3))
+    gap = np.zeros((k, fingers))
+    J_WS = np.zeros((k, fingers, 3, max(len(f.columns) for f in hand.fingers)))
+    torque, weight = np.zeros((k, hand.nq)), np.zeros((k, hand.nq))
+    shapes = Shapes.of(scene, tree)
+    travel = _travel(trajectory, states, tree, levers(tree, shapes.size[:-1], scene), shapes.size[-1])
+    clearances = Clearances(scene, shapes, trajectory, NEAR)
+    for a in range(0, k, CHUNK):
+        rows = slice(a, min(a + CHUNK, k))
+        posture = tree.pose(states.q[rows])
+        R_WO, p_WO = states.X_WO[rows, :3, :3], states.X_WO[rows, :3, 3]
+        weight[rows] = posture.weight(np.array(plan.task.physics.gravity, dtype=float))
+        for i, finger in enumerate(hand.fingers):
+            body = tree.bodies[finger.tip_link]
+            X = X_WC[rows, i] = posture.X_WB[:, body]
+            p_WC = X_WC[rows, i, :3, 3] = X[:, :3, 3] + X[:, :3, :3] @ finger.p_LC
+            p_OC[rows, i] = np.einsum("kji,kj->ki", R_WO, p_WC - p_WO)
+            distance, n_O[rows, i] = solid.distance(p_OC[rows, i])
+            gap[rows, i] = distance - finger.radius
+            n_W = np.einsum("kij,kj->ki", R_WO, n_O[rows, i])
+            J = posture.jacobian(body, p_WC - finger.radius * n_W)
+            touching = digits[rows, i] > 0
+            J_WS[rows, i, :, : len(finger.columns)] = np.where(touching[:, None, None], J[:, :, finger.columns], 0.0)
+            torque[rows] += np.einsum("kic,ki->kc", J, states.f_W[rows, i])
+        clearances.look(a, posture.X_WB, states.X_WO[rows], travel[rows])
+        if progress is not None:
+            progress(rows.stop / k)
+    nearest = clearances.least(states)
+    between = grazed = (0.0, 0, "")
+    if nearest[0] >= 0:  # else that tells all
+        between = clearances.between(states, travel)
+        grazed = _free_tips_between(trajectory, states, scene, digits, gap, travel)
+    far = (digits == 0) & (gap > NEAR)
+    gap[far], n_O[far] = np.nan, np.nan
     return Observed(
         states=states,
         digits=digits,
@@ -101,79 +136,49 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
         p_OC=p_OC,
         gap=gap,
         n_O=n_O,
-        p_OS=p_OC - reach[..., None] * n_O,
-        clearance=clearance,
+        p_OS=p_OC - (radius + gap)[..., None] * n_O,
         nearest=nearest,
+        between=max(between, grazed, key=lambda found: found[0]),
+        travel=travel,
+        J_WS=J_WS,
         torque=torque,
+        weight=weight,
     )
 
 
-class _Look:
-    """Questions to a scene at the state last set. Rows of the arguments are one sample's; results go into them."""
+def _travel(trajectory: Trajectory, states: States, tree: Tree, levers: np.ndarray, object_size: float) -> np.ndarray:
+    """(k, b + 1) how far bodies and object can move from each sample to the next, m; -1 at the end of a part."""
+    out = np.full((len(states.t), len(levers) + 1), -1.0)
+    for i, part in enumerate(trajectory.plan.parts):
+        rows = np.flatnonzero(states.part == i)
+        rates = travel_rates(part, tree, levers, object_size)
+        segment = np.clip(np.searchsorted(part.t, states.t[rows[:-1]], side="right") - 1, 0, len(rates) - 1)
+        out[rows[:-1]] = rates[segment] * np.diff(states.t[rows])[:, None]
+    return out
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene, self._plant, self._context = scene, scene.plant, scene.plant_context
-        plant, fingers = scene.plant, scene.hand.fingers
-        inspector = scene.scene_graph.model_inspector()
-        shapes = inspector.GetAllGeometryIds(Role.kProximity)
-        bodies = {g: plant.GetBodyFromFrameId(inspector.GetFrameId(g)) for g in shapes}
-        self._name = {g: body.name() for g, body in bodies.items()}
-        self._object = {g for g, body in bodies.items() if body.index() == scene.object_body.index()}
-        self._links = [plant.GetBodyByName(f.tip_link, scene.hand_model) for f in fingers]
-        self._p_LC = [f.p_LC for f in fingers]
-        self._radius = [f.radius for f in fingers]
-        of_link = {link.index(): i for i, link in enumerate(self._links)}
-        self._tip = {g: of_link[body.index()] for g, body in bodies.items() if body.index() in of_link}
-        self._coupling = scene.expand(np.eye(scene.hand.nq)) - scene.expand(np.zeros(scene.hand.nq))
-        joints = [plant.get_joint(j) for j in plant.GetJointIndices(scene.hand_model)]
-        self._columns = sorted(j.velocity_start() for j in joints if j.num_velocities() == 1)
 
-    def tips(self, X_WC: np.ndarray) -> None:
-        """Tip frames (F, 4, 4)."""
-        for i, link in enumerate(self._links):
-            X_WC[i] = link.EvalPoseInWorld(self._context).GetAsMatrix4()
-            X_WC[i, :3, 3] += X_WC[i, :3, :3] @ self._p_LC[i]
+def _free_tips_between(
+    trajectory: Trajectory, states: States, scene: Scene, digits: np.ndarray, gap: np.ndarray, travel: np.ndarray
+) -> tuple[float, int, str]:
+    """As `Observed.between`, for tips that are FREE: gaps (k, F) at both ends tell how near they come in between."""
+    tree, slack = Tree.of(scene), TOLERANCES["contact_mm"] / 1000
+    assert scene.object is not None
+    solid = Solid.of(scene.object)
+    for i, finger in enumerate(scene.hand.fingers):
+        body = tree.bodies[finger.tip_link]
+        move = travel[:-1, body] + travel[:-1, -1]
+        open_ = (digits[:-1, i] == 0) & (move > 0) & (gap[:-1, i] + gap[1:, i] - move < -2 * slack)
 
-    def distances(self, digits: np.ndarray, gap: np.ndarray, n_W: np.ndarray) -> tuple[float, str]:
-        """Gaps (F,) and normals (F, 3) of the tips; returns the least clearance of all other pairs, and its pair."""
-        least, nearest = NEAR, ""
-        near = set(np.flatnonzero(digits > 0).tolist())
-        for pair in self._scene.query.ComputeSignedDistancePairwiseClosestPoints(NEAR):
-            a, b = pair.id_A, pair.id_B
-            if a in self._object and b in self._tip:
-                near.add(self._tip[b])
-            elif b in self._object and a in self._tip:
-                near.add(self._tip[a])
-            elif pair.distance < least:
-                least, nearest = pair.distance, f"{self._name[a]} and {self._name[b]}"
-        for tip in near:
-            gap[tip], n_W[tip] = self._contact(tip)
-        return least, nearest
+        def look(t: float, part: int, finger: Finger = finger, body: int = body) -> float:
+            s = trajectory.at(t, part=part)
+            X_WL = tree.pose(s.q).X_WB[0, body]
+            p_WC = X_WL[:3, :3] @ finger.p_LC + X_WL[:3, 3]
+            p_OC = (p_WC - s.X_WO[0, :3, 3]) @ s.X_WO[0, :3, :3]
+            return float(solid.distance(p_OC[None])[0][0]) - finger.radius + slack
 
-    def _contact(self, tip: int) -> tuple[float, np.ndarray]:
-        """Gap of a tip and the object's normal towards it.
-
-        Asked for the tip's centre: between touching shapes, where the distance vanishes, Drake's normals are off by up
-        to 40 deg on polyhedra.
-        """
-        p_WC = self._links[tip].EvalPoseInWorld(self._context).multiply(self._p_LC[tip])
-        for reach in (self._radius[tip] + NEAR, np.inf):
-            distances = self._scene.query.ComputeSignedDistanceToPoint(p_WC, reach)
-            of_object = [d for d in distances if d.id_G in self._object]
-            if of_object:
-                break
-        nearest = min(of_object, key=lambda d: d.distance)
-        return nearest.distance - self._radius[tip], nearest.grad_W
-
-    def torques(self, pressing: np.ndarray, f_W: np.ndarray, n_W: np.ndarray) -> np.ndarray:
-        """(nq,) torques of the commanded joints for forces (F, 3) at the tips' contact points."""
-        world = self._plant.world_frame()
-        full = np.zeros(len(self._columns))
-        for i in np.flatnonzero(pressing):
-            J = self._plant.CalcJacobianSpatialVelocity(
-                self._context, JacobianWrtVariable.kV, self._links[i].body_frame(), self._p_LC[i], world, world
-            )[:, self._columns]
-            (fx, fy, fz), (x, y, z), r = f_W[i], n_W[i], -self._radius[i]
-            moment = [r * (y * fz - z * fy), r * (z * fx - x * fz), r * (x * fy - y * fx)]
-            full += J[:3].T @ moment + J[3:].T @ f_W[i]
-        return self._coupling @ full
+        for row in np.flatnonzero(open_):
+            part = int(states.part[row])
+            depth = -deepest(partial(look, part=part), states.t[row], states.t[row + 1], move[row])
+            if depth > 0:
+                return depth, int(row), f"{finger.name}, free, and object"
+    return 0.0, 0, ""

@@ -20,6 +20,7 @@ def test_figures_have_median_least_largest_and_number(monkeypatch, capsys):
     monkeypatch.setattr(bench, "_ik", lambda runs, seed: [("ik_per_s", [1.0, 5.0, 3.0])])
     monkeypatch.setattr(bench, "_planning", failing)
     monkeypatch.setattr(bench, "_fingers", lambda runs, seed: [])
+    monkeypatch.setattr(bench, "_certificate", lambda runs, seed: [])
     monkeypatch.setattr(bench, "_physics", lambda runs, seed: [("realtime_factor", [2.0] * runs)])
     assert cli.run(["bench", "--runs", "2", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)

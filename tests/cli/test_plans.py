@@ -22,7 +22,7 @@ def plan_file(sample_plan, tmp_path):
 def certified(sample_plan):
     """The sample with the certificate it would get if it were right."""
     found = api.check(sample_plan)
-    return msgspec.structs.replace(sample_plan, certificate=msgspec.structs.replace(found, certified=True))
+    return msgspec.structs.replace(sample_plan, certificate=msgspec.structs.replace(found, certified=True).sealed())
 
 
 def test_check_names_what_fails_and_where(plan_file, capsys):
@@ -50,6 +50,14 @@ def test_check_refuses_a_plan_changed_after_its_certificate(certified, tmp_path,
     answer = json.loads(capsys.readouterr().out)
     assert answer["certified"] is False
     assert "changed" in answer["reason"]
+
+
+def test_check_refuses_a_certificate_changed_by_hand(certified, tmp_path, capsys):
+    certificate = msgspec.structs.replace(certified.certificate, samples=7)
+    file = tmp_path / "tampered.plan.json"
+    msgspec.structs.replace(certified, certificate=certificate).save(file)
+    assert cli.run(["check", str(file)]) == 2
+    assert "certificate.digest" in capsys.readouterr().err
 
 
 def test_check_refuses_a_plan_for_another_hand(sample_plan, tmp_path, capsys):

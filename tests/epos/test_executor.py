@@ -214,10 +214,15 @@ PLAN = swing(KANGUERA.joints, 0.5)
         (msgspec.structs.replace(PLAN, certificate=None), "carries no certificate", False),
         (swing(KANGUERA.joints, 0.5, certified=False), "not certified", False),
         (msgspec.structs.replace(PLAN, seed=7), "edited after it was certified", True),
+        (
+            msgspec.structs.replace(PLAN, certificate=msgspec.structs.replace(PLAN.certificate, samples=7)),
+            "the certificate was edited",
+            True,
+        ),
         (swing(KANGUERA.joints, 0.02, amplitude_deg=80), "motor speed", True),
         (swing([*KANGUERA.joints[1:], "elbow"], 0.5), "not for the same joints", True),
     ],
-    ids=["good", "bare", "uncertified", "edited", "fast", "other-hand"],
+    ids=["good", "bare", "uncertified", "edited", "flattered", "fast", "other-hand"],
 )
 def test_problems_of_a_plan(plan, word, wrong_input):
     problems, wrong = plan_problems(plan, KANGUERA)

@@ -24,7 +24,7 @@ def plan():
 
 def certified(plan):
     """Stamps a plan as certified: what is tried here is the replay, not the certificate."""
-    stamp = Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash)
+    stamp = Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash).sealed()
     return msgspec.structs.replace(plan, certificate=stamp)
 
 

@@ -69,12 +69,34 @@ def test_hash_survives_the_file_and_sees_every_number(numbers):
 def test_is_certified_only_by_a_certificate_of_its_own():
     worst = {"contact_mm": Worst(value=0.01, limit=0.1, ok=True)}
     p = plan()
-    yes = Certificate(certified=True, samples=1, worst=worst, failures=[], plan_hash=p.hash)
+    yes = Certificate(certified=True, samples=1, worst=worst, failures=[], plan_hash=p.hash).sealed()
     assert not p.certified
     assert replace(p, certificate=yes).certified
     assert replace(p, certificate=yes).hash == p.hash
     assert not replace(p, certificate=replace(yes, certified=False)).certified
     assert not replace(p, certificate=yes, object_mass_kg=0.02).certified
+
+
+def test_a_certificate_tells_of_any_change_to_it():
+    no = Certificate(
+        certified=False,
+        samples=1,
+        worst={"contact_mm": Worst(value=1, limit=0.1, ok=False)},
+        failures=["contact_mm 1 is above 0.1"],
+        plan_hash="0" * 64,
+    )
+    made = no.sealed()
+    assert made.intact
+    assert made.sealed() == made
+    assert msgspec.json.decode(msgspec.json.encode(made), type=Certificate).intact
+    assert not no.intact
+    for edit in (
+        {"certified": True},
+        {"samples": 2},
+        {"failures": []},
+        {"worst": {"contact_mm": Worst(value=0.05, limit=0.1, ok=False)}},
+    ):
+        assert not replace(made, **edit).intact
 
 
 @pytest.mark.parametrize(

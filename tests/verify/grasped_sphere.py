@@ -141,7 +141,15 @@ class Maker:
             for name, finger in zip(NAMES, self.fingers, strict=True):
                 f_W[name][k] = result.GetSolution(variables[name])
                 p_WP = X[k, :3, 3] + R @ p_OP[name][k]
-                offset[k] += self.jacobian(q[k], finger, p_WP).T @ f_W[name][k] / self.hand.stiffness
+                J, n = self.jacobian(q[k], finger, p_WP), R @ p_OP[name][k] / self.radius
+                offset[k] += J.T @ f_W[name][k] / self.hand.stiffness
+                # the pad yields, more over a sphere than over a plane, and the tip goes after it
+                bend = 1 + finger.radius / self.radius
+                area = np.pi * self.hand.pad.hydroelastic_modulus_pa / bend
+                offset[k] -= np.linalg.pinv(J) @ n * np.sqrt(-f_W[name][k] @ n / area)
+            self.scene.set(q[k])
+            hanging = self.scene.plant.CalcGravityGeneralizedForces(self.scene.plant_context)
+            offset[k] -= self.coupling @ hanging[: len(self.coupling[0])] / self.hand.stiffness
         return f_W, offset
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from breaking import HAND, broken, edited, replace, with_contacts, with_options, with_physics, with_task
-from grasped_sphere import NAMES, make_push
+from grasped_sphere import NAMES, Maker, make_push
 
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -42,11 +42,35 @@ def test_efforts(held):
 
 
 def test_torques_are_those_of_the_forces_at_the_contact_points(held, scene):
-    """The hand-made offsets are K^-1 J^T f, with Jacobians of their own."""
-    seen = observe(Trajectory(held), scene)
+    """By the Jacobians that the plan was made with."""
+    seen, maker = observe(Trajectory(held), scene), Maker()
     s = seen.states
-    assert np.allclose(seen.torque, s.q_offset * HAND.stiffness, atol=2e-4)
+    for k in np.flatnonzero(seen.digits[:, -1])[::300]:
+        torque = 0.0
+        for i in np.flatnonzero(seen.digits[k]):
+            p_WP = s.X_WO[k, :3, :3] @ seen.p_OS[k, i] + s.X_WO[k, :3, 3]
+            torque = torque + maker.jacobian(s.q[k], HAND.fingers[i], p_WP).T @ s.f_W[k, i]
+        assert np.allclose(seen.torque[k], torque, atol=1e-5)
     assert np.abs(seen.torque).max() > 0.03
+
+
+def test_commands_that_do_not_bring_about_the_forces(held, scene):
+    limp = edited(held, 1, q_offset=lambda rows: 0 * rows)
+    worst = broken(limp, scene, "command_force_n")["command_force_n"]
+    strongest = max(np.linalg.norm(c.f_W, axis=1).max() for c in held.parts[1].contacts.values())
+    # what presses is missing, and what holds the links up
+    assert strongest < worst.value < 2 * strongest
+
+
+def test_one_joint_that_is_not_told_to_press(held, scene):
+    joint = int(np.abs(held.parts[1].q_offset).max(axis=0).argmax())
+
+    def slack(rows):
+        rows[:, joint] = 0.0
+        return rows
+
+    worst = broken(edited(held, 1, q_offset=slack), scene, "command_force_n")["command_force_n"]
+    assert HAND.joints[joint].startswith(worst.where)
 
 
 def test_forces_that_do_not_balance(held, scene):
@@ -75,9 +99,9 @@ def test_forces_that_balance_without_friction_to_carry_them(held, scene):
 
 def test_forces_that_are_missing(held, scene):
     bare = with_contacts(held, 1, lambda c: replace(c, f_W=None))
-    broken(bare, scene, "mode", "balance_ratio")
+    broken(bare, scene, "mode", "balance_ratio", "command_force_n")
     soft = replace(held, parts=[replace(p, q_offset=None) for p in held.parts])
-    broken(soft, scene, "mode")
+    broken(soft, scene, "mode", "command_force_n")
 
 
 def test_a_finger_may_push_what_lies_on_a_support(scene):

@@ -67,9 +67,12 @@ def ball_on_plane(distance, turn, n=200, r=0.01, digit=1):
         gap=np.zeros((n, 1)),
         n_O=up,
         p_OS=X[:, :, :3, 3] - r * up,
-        clearance=np.ones(n),
-        nearest=[""] * n,
+        nearest=(1.0, 0, ""),
+        between=(0.0, 0, ""),
+        travel=np.zeros((n, 2)),
+        J_WS=np.zeros((n, 1, 3, 1)),
         torque=zero,
+        weight=zero,
     )
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.plans.task import Grasp, MoveTo, Pose, Release, Rotate, Step, Task, Translate
+from drake_hand.plans.task import Corridor, Grasp, MoveTo, Options, Pose, Release, Rotate, Step, Task, Translate
 from drake_hand.plans.trajectory import States
+from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import check_goal, pose
 
@@ -116,3 +117,63 @@ def test_the_start_counts():
     position, rotation, _ = worst([Step(translate=Translate(by_mm=(0, 0, 0)))], moving(STILL), ((0, 0, 101), (0, 3, 0)))
     assert position.value == pytest.approx(1)
     assert rotation.value == pytest.approx(3)
+
+
+def corridor(motion, s, **options):
+    findings = Findings()
+    task = Task(
+        hand="h",
+        object="o",
+        start=Pose(xyz_mm=(0, 0, 100)),
+        motion=[Step(grasp=Grasp()), *motion],
+        options=Options(**options),
+    )
+    check_corridor(task, s, check_goal(task, s, Findings()), findings)
+    return findings.worst["corridor_mm"], findings.worst["corridor_deg"]
+
+
+UP = Step(translate=Translate(by_mm=(0, 0, 30)))
+TURN = Step(rotate=Rotate(axis=(0, 0, 1), angle_deg=90))
+
+
+def test_the_way_itself_is_in_any_corridor():
+    turn = ((0, 0, 1), 90, (0, 0, 0), (10, 0, 0))
+    about = Step(rotate=Rotate(axis=(0, 0, 1), angle_deg=90, about_mm=(10, 0, 0)))
+    for steps, pieces in (
+        ([UP, TURN], (((0, 0, 1), 0, (0, 0, 30), None), ((0, 0, 1), 90, (0, 0, 0), None))),
+        ([about], (turn,)),
+    ):
+        mm, deg = corridor(steps, moving(*pieces), corridor="none")
+        assert mm.value < 1e-9
+        assert deg.value < 1e-6
+        assert (mm.limit, deg.limit) == (0.1, 0.1)
+
+
+def test_beside_the_way_counts_and_ahead_on_it_does_not():
+    over = moving(
+        ((0, 0, 1), 0, (10, 0, 15), None), ((0, 0, 1), 20, (0, 0, 0), None), ((0, 0, 1), -20, (-10, 0, 15), None)
+    )
+    mm, deg = corridor([UP], over)
+    assert mm.value == pytest.approx(10)
+    assert deg.value == pytest.approx(20)
+    assert mm.ok
+    assert not deg.ok
+    assert deg.where == "step 2, translate"
+    mm, _ = corridor([UP], over, corridor=Corridor(mm=9, deg=30))
+    assert not mm.ok
+
+
+def test_back_along_the_way_is_beside_it():
+    back = moving(((0, 0, 1), 60, (0, 0, 0), None), ((0, 0, 1), -17, (0, 0, 0), None), ((0, 0, 1), 47, (0, 0, 0), None))
+    _, deg = corridor([TURN], back)
+    assert deg.value == pytest.approx(17, abs=0.01)
+
+
+def test_the_wrong_way_round_leaves_the_corridor():
+    _, deg = corridor([Step(rotate=Rotate(axis=(0, 0, 1), angle_deg=270))], moving(((0, 0, 1), -90, (0, 0, 0), None)))
+    assert deg.value == pytest.approx(90, abs=0.01)
+
+
+def test_while_no_step_moves_it_the_object_stays():
+    mm, _ = corridor([], moving(((0, 0, 1), 0, (0, 0, 2), None), ((0, 0, 1), 0, (0, 0, -2), None)))
+    assert mm.value == pytest.approx(2)

@@ -1,0 +1,136 @@
+"""Runs the cases of a sweep on processes of this machine, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drake_hand.errors import DrakeHandError, InputError
+from drake_hand.sweep.spec import Case
+from drake_hand.sweep.store import Store
+from drake_hand.sweep.work import Done, Row, work
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_AHEAD = 2
+"""Cases handed out per worker: one that it works on, and one that waits."""
+_TRIES = 2
+"""Workers that may die of a case before it is given up as ``crashed``."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a sweep stands."""
+
+    stage: str
+    fraction: float
+    certified: int = 0
+    per_hour: float = 0.0
+    left_s: float = 0.0
+
+
+def run(
+    cases: list[Case], store: Store, *, scheduler: str | None = None, progress: Callable[[Progress], None] | None = None
+) -> None:
+    """Does all cases that the store does not have.
+
+    Args:
+        cases: of the sweep.
+        store: where their results go.
+        scheduler: address of a Dask scheduler whose workers have drake_hand installed; else a process per core.
+        progress: told after every case.
+
+    Raises:
+        InputError: there is no such scheduler, or Dask is not installed.
+        DrakeHandError: the scheduler was lost; what was done until then is in the store.
+    """
+    todo = [case for case in cases if case.id not in store.rows]
+    if not todo:
+        return
+    tell = progress or (lambda _: None)
+    began, last = time.monotonic(), len(todo)
+    with _client(scheduler) as client:
+        for n, done in enumerate(_results(client, todo), start=1):
+            store.add(done)
+            rate = n / (time.monotonic() - began)
+            tell(
+                Progress(
+                    stage=f"{len(cases) - last + n} of {len(cases)} cases",
+                    fraction=1 - (last - n) / len(cases),
+                    certified=sum(r.status == "certified" for r in store.rows.values()),
+                    per_hour=3600 * rate,
+                    left_s=(last - n) / rate,
+                )
+            )
+
+
+def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
+    """What becomes of the cases, as they finish; only so many are handed out that no worker waits."""
+    from distributed import as_completed
+
+    waiting = iter(todo)
+    futures = {}
+    ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    running = as_completed()
+
+    def hand_out() -> None:
+        case = next(waiting, None)
+        if case is not None:
+            future = client.submit(work, case, key=f"drake_hand-{case.id}", pure=False)
+            futures[future.key] = case
+            running.add(future)
+
+    for _ in range(ahead):
+        hand_out()
+    for future in running:
+        case = futures.pop(future.key)
+        if future.status == "finished":
+            yield future.result()
+        elif future.status == "error":
+            yield Done(row=Row.of(case, status="crashed", reason=" ".join(str(future.exception()).split())))
+        else:
+            raise DrakeHandError("the scheduler is lost; run the sweep again to go on where it stopped")
+        future.release()
+        hand_out()
+
+
+@contextmanager
+def _client(scheduler: str | None) -> Iterator[Client]:
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as e:
+        raise InputError("sweeps need Dask", found="none", expected="pip install 'drake_hand[sweep]'") from e
+    from drake_hand.physics.replay import cores
+
+    quiet = {
+        "distributed.scheduler.allowed-failures": _TRIES - 1,
+        "distributed.comm.retry.count": 0,
+        "distributed.admin.log-format": "%(message)s",
+    }
+    with dask.config.set(quiet):
+        if scheduler is None:
+            with (
+                LocalCluster(
+                    n_workers=cores(),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    memory_limit=0,
+                    silence_logs="CRITICAL",
+                ) as cluster,
+                Client(cluster) as client,
+            ):
+                yield client
+            return
+        try:
+            client = Client(scheduler, timeout=5)
+        except (OSError, ValueError) as e:
+            raise InputError(
+                "no scheduler answers", key="--scheduler", found=scheduler, expected="tcp://host:port of one that runs"
+            ) from e
+        with client:
+            yield client

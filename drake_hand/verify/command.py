@@ -1,0 +1,107 @@
+"""Whether the commanded joint offsets bring about the contact forces that a plan states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.compiled import njit
+from drake_hand.model.scene import Scene
+from drake_hand.plans.plan import Plan
+from drake_hand.verify.contacts import FREE, ROLL, SLIDE, runs
+from drake_hand.verify.findings import Findings
+from drake_hand.verify.observe import Observed
+from drake_hand.verify.surface import Solid
+
+LIMIT_N = 0.2
+"""How much the forces may differ: a fifth, as much as friction and stiffness are off in physics' trials, or 0.2 N."""
+_LIGHT = 0.02
+"""N; a pad pressed less than this yields as much as if it were."""
+
+
+def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> None:
+    """Judges, finger by finger, the forces that the commands bring about against those stated.
+
+    A servo of stiffness K that is told q + o turns with torque K o about q. Some of it holds up the links, some presses
+    the pad in, some moves the tip along where the pressed tip, on its smaller radius, has rolled less far than the
+    plan's; what is left presses the object, which stays where it is. With J of the tip at the contact,
+    x = J (o - (J' f - weight) / K) is how far the commands move the tip beyond what the stated forces f take, d how far
+    it has to move for the pad; a tip held by the object answers with (J J' / K + pad)^-1 (x - d).
+
+    Where a tip slides, or pivots as in the paper, friction is what it is, and only the normal force is judged. What is
+    off counts per newton where a contact comes to bear more than one.
+    """
+    s, hand = seen.states, scene.hand
+    assert scene.object is not None
+    error = np.full(seen.digits.shape, np.nan)
+    if plan.task.options.hold == "equilibrium":
+        solid, rolls = Solid.of(scene.object), plan.task.options.model == "rolling"
+        for i, finger in enumerate(hand.fingers):
+            c = finger.columns
+            for first, end in runs(seen.digits[:, i] != FREE):
+                rows = slice(first, end)
+                R_WO, n_O = s.X_WO[rows, :3, :3], seen.n_O[rows, i]
+                n_W = np.einsum("kij,kj->ki", R_WO, n_O)
+                J, K = seen.J_WS[rows, i, :, : len(c)], hand.stiffness[c]
+                f_W = s.f_W[rows, i]
+                press = np.maximum(-np.sum(f_W * n_W, axis=1), 0.0)
+                flat = (
+                    np.pi
+                    * hand.pad.hydroelastic_modulus_pa
+                    / np.sqrt(solid.bend(seen.p_OC[rows, i], n_O, finger.radius))
+                )
+                depth = np.sqrt(press / flat)
+                pad = 0.5 / np.sqrt(flat * np.maximum(press, _LIGHT))
+                taken = (np.einsum("kic,ki->kc", J, f_W) - seen.weight[rows, c]) / K
+                moved = np.einsum("kic,kc->ki", J, s.q_offset[rows, c] - taken) + depth[:, None] * n_W
+                yields = J / K @ np.swapaxes(J, 1, 2) + pad[:, None, None] * np.eye(3)
+                normal = np.sum(moved * n_W, axis=1) / np.einsum("ki,kij,kj->k", n_W, yields, n_W)
+                error[rows, i] = np.abs(normal)
+                R_OT = np.swapaxes(R_WO, 1, 2) @ seen.X_WC[rows, i, :3, :3]
+                for a, b in runs((seen.digits[rows, i] == ROLL) & rolls):
+                    slid = a > 0 and seen.digits[first + a - 1, i] == SLIDE
+                    moved_O = np.einsum("kji,kj->ki", R_WO[a:b], moved[a:b])
+                    # where sliding has left the tip is where the friction stated holds it
+                    begin = moved_O[0] - n_O[a] * (n_O[a] @ moved_O[0]) if slid else np.zeros(3)
+                    aside = rolled_short(depth[a:b], n_O[a:b], R_OT[a:b], begin)
+                    off = moved[a:b] - np.einsum("kij,kj->ki", R_WO[a:b], aside)
+                    force = np.linalg.solve(yields[a:b], off[..., None])[..., 0]
+                    error[first + a : first + b, i] = np.linalg.norm(force, axis=1)
+                error[rows, i] /= max(1.0, np.linalg.norm(f_W, axis=1).max())
+    findings.add("command_force_n", error, s.t, s.part, plan.fingers, limit=LIMIT_N)
+
+
+def rolled_short(depth: np.ndarray, n_O: np.ndarray, R_OT: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Where a pressed tip's centre is, aside of where the plan has it, because it rolls on a smaller radius.
+
+    Of a tip that rolls without slipping by a turn w, in O, the centre goes w x r n; pressed in by depth it goes
+    w x (r - depth) n, and sinks as its normal turns.
+
+    Args:
+        depth: (k,) of the pad, m.
+        n_O: (k, 3) outward normals.
+        R_OT: (k, 3, 3) orientation of the tip.
+        begin: (3,) where it is at first.
+
+    Returns:
+        (k, 3) along the surface, in O, m.
+    """
+    D = R_OT[1:] @ np.swapaxes(R_OT[:-1], 1, 2)
+    turn = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1) / 2
+    n = (n_O[1:] + n_O[:-1]) / 2
+    short = (depth[1:] + depth[:-1])[:, None] / 2 * (np.diff(n_O, axis=0) - np.cross(turn, n))
+    out = np.empty_like(n_O)
+    out[0] = begin
+    _carry(np.ascontiguousarray(short), np.ascontiguousarray(n_O), out)
+    return out
+
+
+@njit("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+def _carry(step, n, out):
+    """Adds up steps along a surface whose normal turns."""
+    for k in range(1, len(n)):
+        along = 0.0
+        for i in range(3):
+            out[k, i] = out[k - 1, i] + step[k - 1, i]
+            along += out[k, i] * n[k, i]
+        for i in range(3):
+            out[k, i] -= along * n[k, i]

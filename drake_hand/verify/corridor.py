@@ -1,0 +1,64 @@
+"""Whether the object stays in its corridor beside the nominal way of each step."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_hand.plans.task import Corridor, Task
+from drake_hand.plans.trajectory import States
+from drake_hand.verify.findings import TOLERANCES, Findings
+from drake_hand.verify.goal import MOVES, Stage
+
+
+def check_corridor(task: Task, states: States, stages: list[Stage], findings: Findings) -> None:
+    """Judges how far the object is beside its way, all the time.
+
+    A step's nominal way leads from the goal of the step before to its own: straight on, turning evenly. The point of it
+    that a sample is compared with is the nearest, but never one before that of an earlier sample. On a turn it is the
+    nearest in angle; where a way both turns and leads on, both count by the corridor's measure.
+    """
+    asked = task.options.corridor
+    wide = asked if isinstance(asked, Corridor) else None
+    mm = wide.mm if wide else TOLERANCES["goal_position_mm"]
+    deg = wide.deg if wide else TOLERANCES["goal_rotation_deg"]
+    ways = [s for s in stages if s.step.kind in MOVES] or stages[:1]
+    for i, way in enumerate(ways):
+        rows = slice(way.first, way.last + 1 if i + 1 < len(ways) else len(states.t))
+        shift, turn = beside(states.X_WO[rows], way, mm / 1000, np.radians(deg))
+        t, part = states.t[rows], states.part[rows]
+        findings.add("corridor_mm", shift * 1000, t, part, [way.name], limit=mm)
+        findings.add("corridor_deg", np.degrees(turn), t, part, [way.name], limit=deg)
+
+
+def beside(X_WO: np.ndarray, way: Stage, length: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """How far poses X_WO (k, 4, 4) are beside a way.
+
+    Args:
+        X_WO: in the order of time, the first at the way's begin.
+        way: the step it belongs to.
+        length: in m, and ...
+        angle: ... in rad, what counts as equally far.
+
+    Returns:
+        (k,) distance of O's origin, m, and (k,) angle of rotation, rad.
+    """
+    R, p = X_WO[:, :3, :3] @ way.X_from[:3, :3].T, X_WO[:, :3, 3]
+    total = float(np.linalg.norm(way.turn))
+    round_a_point = way.step.rotate is not None
+    along = np.zeros(3) if round_a_point else way.goal[:3, 3] - way.X_from[:3, 3]
+    weight, progress = np.zeros(2), np.zeros((2, len(p)))
+    if total > 0:
+        quat = Rotation.from_matrix(R).as_quat()
+        twist = 2 * np.arctan2(quat[:, :3] @ way.turn / total, quat[:, 3])
+        weight[0], progress[0] = (total / angle) ** 2, np.unwrap(twist) / total
+    if along.any():
+        weight[1] = along @ along / length**2
+        progress[1] = (p - way.X_from[:3, 3]) @ along / (along @ along)
+    u = weight @ progress / max(weight.sum(), 1e-300)
+    u = np.maximum.accumulate(np.clip(u, 0.0, 1.0))
+    R_way = Rotation.from_rotvec(u[:, None] * way.turn)
+    p_way = way.X_from[:3, 3] + u[:, None] * along
+    if round_a_point:
+        p_way = way.about + R_way.apply(way.X_from[:3, 3] - way.about)
+    return np.linalg.norm(p - p_way, axis=1), (R_way.inv() * Rotation.from_matrix(R)).magnitude()

@@ -1,0 +1,208 @@
+"""The checker's own distances of points from the object: exact for every shape there is, compiled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_hand.compiled import njit
+from drake_hand.model.object import Object
+
+_KINDS = ("sphere", "capsule", "cylinder", "box", "mesh")
+_BEND = 1e-5
+"""m aside, to see how the normal turns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solid:
+    """The g convex shapes of an object, packed for the kernels."""
+
+    kind: np.ndarray
+    """(g,) index among the kinds."""
+    size: np.ndarray
+    """(g, 3) radius, half length; or half sides."""
+    X_OG: np.ndarray
+    """(g, 4, 4)."""
+    corner: np.ndarray
+    """(T, 3, 3) corners of the triangles of all meshes, in G, counter-clockwise seen from outside."""
+    first: np.ndarray
+    """(g + 1,) each shape's first triangle."""
+
+    @classmethod
+    def of(cls, object_: Object) -> Solid:
+        """Packs an object."""
+        shapes = object_.geometries
+        size = np.zeros((len(shapes), 3))
+        for row, g in zip(size, shapes, strict=True):
+            if g.kind == "box":
+                row[:] = np.array(g.size) / 2
+            elif g.kind != "mesh":
+                row[0] = g.size[0]
+                row[1] = g.size[1] / 2 if len(g.size) > 1 else 0.0
+        corners = [g.vertices[g.faces].reshape(-1, 3, 3) for g in shapes]
+        return cls(
+            kind=np.array([_KINDS.index(g.kind) for g in shapes], dtype=np.int64),
+            size=size,
+            X_OG=np.array([g.X_OG for g in shapes], dtype=float),
+            corner=np.ascontiguousarray(np.concatenate(corners), dtype=float),
+            first=np.cumsum([0] + [len(c) for c in corners]),
+        )
+
+    def distance(self, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance of points p_O (..., 3) and the outward normal (..., 3) where they are nearest, in O."""
+        flat = np.ascontiguousarray(p_O, dtype=float).reshape(-1, 3)
+        out = np.empty((len(flat), 4))
+        _distances(self.kind, self.size, self.X_OG, self.corner, self.first, flat, out)
+        return out[:, 0].reshape(p_O.shape[:-1]), out[:, 1:].reshape(p_O.shape)
+
+    def bend(self, p_O: np.ndarray, n_O: np.ndarray, radius: float) -> np.ndarray:
+        """How much the surface curves away from a sphere whose centre p_O (k, 3) lies above it, normal n_O (k, 3).
+
+        Returns:
+            (k,) product of 1 + radius x principal curvature: 1 where it is flat, 400 at most, at a corner.
+        """
+        e = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
+        t = np.cross(e, n_O)
+        t /= np.linalg.norm(t, axis=1, keepdims=True)
+        sides = np.stack([t, np.cross(n_O, t)], axis=1)
+        # the normal turns by c / (1 + radius c) per way of the sphere's centre
+        turned = [self.distance(p_O + s * _BEND * sides[:, i])[1] for i in range(2) for s in (1, -1)]
+        H = np.stack([turned[0] - turned[1], turned[2] - turned[3]], axis=1) @ np.swapaxes(sides, 1, 2) / (2 * _BEND)
+        turn = np.linalg.eigvalsh((H + np.swapaxes(H, 1, 2)) / 2)
+        return np.prod(1 / np.clip(1 - radius * turn, 0.05, 1.0), axis=1)
+
+
+@njit()
+def _triangle(p, a, b, c, out):
+    """The point of a triangle nearest to p (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    ab, ac, ap = np.empty(3), np.empty(3), np.empty(3)
+    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
+    for i in range(3):
+        ab[i], ac[i], ap[i] = b[i] - a[i], c[i] - a[i], p[i] - a[i]
+        d1 += ab[i] * ap[i]
+        d2 += ac[i] * ap[i]
+        d3 += ab[i] * (p[i] - b[i])
+        d4 += ac[i] * (p[i] - b[i])
+        d5 += ab[i] * (p[i] - c[i])
+        d6 += ac[i] * (p[i] - c[i])
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    u = v = 0.0
+    if d1 <= 0 and d2 <= 0:
+        pass
+    elif d3 >= 0 and d4 <= d3:
+        u = 1.0
+    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+        u = d1 / (d1 - d3)
+    elif d6 >= 0 and d5 <= d6:
+        v = 1.0
+    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+        v = d2 / (d2 - d6)
+    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        v = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        u = 1.0 - v
+    else:
+        u, v = vb / (va + vb + vc), vc / (va + vb + vc)
+    for i in range(3):
+        out[i] = a[i] + u * ab[i] + v * ac[i]
+
+
+@njit()
+def _mesh(p, corner, first, last, out):
+    """Of a convex mesh. Nothing is nearer than the farthest plane, and where that plane's triangle is, all is said."""
+    n, foot = np.empty(3), np.empty(3)
+    height = np.empty(last - first)
+    best = 0
+    for t in range(first, last):
+        a, b, c = corner[t, 0], corner[t, 1], corner[t, 2]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            n[i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
+        size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        height[t - first] = -np.inf
+        if size > 0:
+            height[t - first] = (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1]) + n[2] * (p[2] - a[2])) / size
+            if height[t - first] > height[best]:
+                best = t - first
+                out[1], out[2], out[3] = n[0] / size, n[1] / size, n[2] / size
+    out[0] = height[best]
+    if out[0] <= 0:
+        return
+    least = np.inf
+    for x in range(-1, last - first):
+        t = best if x < 0 else x
+        if height[t] < 0 or height[t] >= least:
+            continue
+        _triangle(p, corner[first + t, 0], corner[first + t, 1], corner[first + t, 2], foot)
+        d = math.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
+        if d < least:
+            least = d
+            out[0] = d
+            for i in range(3):
+                out[1 + i] = (p[i] - foot[i]) / d
+        if least <= height[best] * (1 + 1e-14):
+            return
+
+
+@njit()
+def _shape(kind, size, p, out):
+    """Distance and normal of a sphere, capsule, cylinder or box, in its own frame."""
+    if kind <= 1:  # sphere, capsule
+        z = min(max(p[2], -size[1]), size[1])
+        d = math.sqrt(p[0] * p[0] + p[1] * p[1] + (p[2] - z) ** 2)
+        out[0] = d - size[0]
+        if d > 0:
+            out[1], out[2], out[3] = p[0] / d, p[1] / d, (p[2] - z) / d
+        else:
+            out[1], out[2], out[3] = 1.0, 0.0, 0.0
+    elif kind == 2:  # cylinder
+        rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
+        x, y = (p[0] / rho, p[1] / rho) if rho > 0 else (1.0, 0.0)
+        up = 1.0 if p[2] >= 0 else -1.0
+        side, cap = rho - size[0], abs(p[2]) - size[1]
+        if side > 0 and cap > 0:
+            out[0] = math.sqrt(side * side + cap * cap)
+            out[1], out[2], out[3] = side / out[0] * x, side / out[0] * y, cap / out[0] * up
+        elif side >= cap:
+            out[0], out[1], out[2], out[3] = side, x, y, 0.0
+        else:
+            out[0], out[1], out[2], out[3] = cap, 0.0, 0.0, up
+    else:  # box
+        beyond, most = 0.0, 0
+        for i in range(3):
+            over = abs(p[i]) - size[i]
+            out[1 + i] = math.copysign(max(over, 0.0), p[i])
+            beyond += max(over, 0.0) ** 2
+            if over > abs(p[most]) - size[most]:
+                most = i
+        if beyond > 0:
+            out[0] = math.sqrt(beyond)
+            for i in range(3):
+                out[1 + i] /= out[0]
+        else:
+            out[0] = abs(p[most]) - size[most]
+            out[1 + most] = math.copysign(1.0, p[most])
+
+
+@njit("void(i8[::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], i8[::1], f8[:, ::1], f8[:, ::1])")
+def _distances(kind, size, X_OG, corner, first, p_O, out):
+    """Rows (distance, normal) of points p_O from the union of all shapes."""
+    p, one = np.empty(3), np.empty(4)
+    for k in range(len(p_O)):
+        out[k, 0] = np.inf
+        for g in range(len(kind)):
+            for i in range(3):
+                p[i] = 0.0
+                for j in range(3):
+                    p[i] += X_OG[g, j, i] * (p_O[k, j] - X_OG[g, j, 3])
+            if kind[g] == 4:
+                _mesh(p, corner, first[g], first[g + 1], one)
+            else:
+                _shape(kind[g], size[g], p, one)
+            if one[0] < out[k, 0]:
+                out[k, 0] = one[0]
+                for i in range(3):
+                    out[k, 1 + i] = 0.0
+                    for j in range(3):
+                        out[k, 1 + i] += X_OG[g, i, j] * one[1 + j]
