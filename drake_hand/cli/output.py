@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -54,6 +55,17 @@ def error_answer(e: DrakeHandError) -> dict[str, Any]:
         known = {k: str(v) for k in ("file", "key", "found", "expected") if (v := getattr(e, k)) is not None}
         return {"status": "error", "reason": e.message, **known}
     return {"status": "error", "reason": str(e)}
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Adds the file to errors that know what is wrong, but not where it was read."""
+    try:
+        yield
+    except InputError as e:
+        if e.file is not None:
+            raise
+        raise InputError(e.message, file=file, key=e.key, found=e.found, expected=e.expected) from e
 
 
 @contextmanager
