@@ -22,7 +22,7 @@ import msgspec
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
-from drake_hand.physics.replay import Replay, simulate
+from drake_hand.physics.runs import Replay, simulate
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
 

@@ -12,9 +12,9 @@ import pytest
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
-_PLANNER = ["errors", "files", "model", "plans", "contact", "modes", "planning", "motion"]
+_PLANNER = ["errors", "files", "model", "plans", "contact", "feedback", "modes", "planning", "motion"]
 ROWS = [*_PLANNER, "verify", "physics", "epos", "view", "api", "cli"]
-EPOS_MAY_USE = {"errors", "files", "plans", "epos"}
+EPOS_MAY_USE = {"errors", "files", "plans", "feedback", "epos"}
 HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}
 
 FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")

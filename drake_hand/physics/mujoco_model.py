@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, GeometryId, Mesh, Role, Shape, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import Joint, JointIndex, PrismaticJoint, RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, RigidBody, SpatialInertia
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
@@ -18,8 +18,8 @@ OBJECT = "object"
 """Name of the object's body and free joint."""
 IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
-_IMPRATIO = 100.0
-"""How much stiffer contacts are along the surface than along the normal. At 1 a gripped pencil creeps a degree a second."""
+IMPRATIO = 100.0
+"""How much stiffer contacts are along the surface than along the normal: at 1 a gripped pencil creeps."""
 _STIFF = {"solref": [2 * STEP, 1.0], "solimp": [0.95, 0.99, 1e-3, 0.5, 2.0]}
 """Contacts of anything but a fingertip with the object."""
 _COUPLED = {"solref": [2 * STEP, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]}
@@ -50,9 +50,9 @@ def build(
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     spec.option.timestep = STEP
     spec.option.gravity = np.asarray(gravity, dtype=float)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = _IMPRATIO
+    spec.option.impratio = IMPRATIO
     # Drake's own filter says which links are not checked against each other.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
     bodies = {int(scene.plant.world_body().index()): spec.worldbody}
@@ -68,6 +68,9 @@ def build(
     tips = {f.tip_link: i for i, f in enumerate(hand.fingers)}
     _add_shapes(spec, bodies, scene, friction, tips, hand.pad.torsion_radius_mm * 1e-3)
     _couple(spec, hand)
+    for i in scene.plant.GetJointActuatorIndices(scene.hand_model):
+        rotor = scene.plant.get_joint_actuator(i)
+        spec.joint(rotor.joint().name()).armature = rotor.default_reflected_inertia()
     for j, name in enumerate(hand.joints):
         k, d, effort = hand.stiffness[j], hand.damping[j], hand.effort[j]
         servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -116,9 +119,9 @@ def _set_inertia(body: mujoco.MjsBody, M: SpatialInertia) -> None:
     mass, p = M.get_mass(), M.get_com()
     if mass == 0:
         return  # a link without mass, welded to one that has
-    I = M.Shift(p).CalcRotationalInertia().CopyToFullMatrix3()
+    M_C = M.Shift(p).CalcRotationalInertia().CopyToFullMatrix3()
     body.mass, body.ipos, body.explicitinertial = mass, p, True
-    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+    body.fullinertia = [M_C[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
 
 
 def _add_shapes(
