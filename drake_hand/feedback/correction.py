@@ -142,10 +142,10 @@ class Correction:
         """What it did so far."""
         return CorrectionReport(
             looks=self._looks,
-            saturated_s=round(self._saturated_s, 3),
+            saturated_s=round(float(self._saturated_s), 3),
             largest_deg=float(np.degrees(self._largest)),
             largest_mm=self._reached * 1e3,
-            lost_s=round(self._lost_s, 3),
+            lost_s=round(float(self._lost_s), 3),
         )
 
     def _row(self, t: float) -> int:
