@@ -64,8 +64,8 @@ def run(tokens: Sequence[str]) -> int:
         return 141
     except OSError as e:
         return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
-    except KeyboardInterrupt:
-        print("drake-hand: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as e:
+        print(f"drake-hand: {str(e) or 'interrupted'}", file=sys.stderr)
         return 130
     except Exception as e:
         if os.environ.get(TRACEBACK):

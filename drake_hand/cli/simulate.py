@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -81,6 +82,7 @@ def simulate(
                     )
                 )
         except Interrupted as e:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was finished is told undisturbed
             stopped = e
             results += [e.replay] if e.replay else []
     if json:
