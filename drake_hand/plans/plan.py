@@ -119,6 +119,10 @@ class Plan(_Strict, frozen=True, kw_only=True):
         """Whether it carries a certificate that says yes and is about this very plan."""
         return self.certificate is not None and self.certificate.certified and self.certificate.plan_hash == self.hash
 
+    def __reduce__(self) -> tuple:
+        # By way of JSON: msgspec tells defaults by identity, which pickling loses, and with it the hash.
+        return _from_json, (msgspec.json.encode(self),)
+
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
         write_atomic(Path(path), msgspec.json.encode(self, order="deterministic") + b"\n")
@@ -182,3 +186,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
             yield f"contacts.{name}.p_OP", contact.p_OP, 3
             if contact.f_W is not None:
                 yield f"contacts.{name}.f_W", contact.f_W, 3
+
+
+def _from_json(text: bytes) -> Plan:
+    return msgspec.json.decode(text, type=Plan)
