@@ -37,6 +37,10 @@ LOST_S = 0.25
 """Without a look for as long as this the sensor is lost ..."""
 FADE = 2.0
 """... and what is done because of it fades, or comes back, at this rate, 1/s."""
+_WEIGHT = np.array([0.02, 0.02, 0.02, 1.0, 1.0, 1.0])
+"""m: a radian of turn counts as much as this displacement where a twist is cut down to what the tube allows."""
+_DIRECTIONS = 4
+"""How often it is cut down before it is dropped."""
 _MEMORY = 128
 """Ticks for which the estimate is remembered: a look is compared with what was thought when it was taken."""
 
@@ -87,6 +91,8 @@ class Correction:
         planned = Trajectory(plan).at(grid.t)
         self._speed, self._turning = np.maximum(hand.speed - np.abs(planned.v), 0.0), planned.V_WO[:, :3]
         self._drift = 0.0
+        self._first = np.array([finger.columns[0] for finger in hand.fingers])
+        self._count = [len(finger.columns) for finger in hand.fingers]
         self._touching = np.abs(grid.roll).any(axis=2)
         unseen = unseen_turns(object_)
         self._seen_O = np.eye(3) - unseen.T @ unseen
@@ -122,8 +128,8 @@ class Correction:
         if self._held[row]:
             drifts[:3] = self._drift * self._turning[row]
             moved = np.clip(-GAIN * error - self._believed * drifts, -FASTEST, FASTEST) * dt
-        wanted, share = self._hold(row, moved, dt)
-        self._error = self._error + share * moved + drifts * dt
+        wanted, moved = self._hold(row, moved, dt)
+        self._error = self._error + moved + drifts * dt
         wanted = self._land(row, error, wanted, dt)
         self._dq = wanted
         self._note(row, before)
@@ -181,45 +187,70 @@ class Correction:
         shrink = min(1.0, most / size) if size > 0 else 1.0
         return np.concatenate([shrink * self._error[:3], self._error[3:]])
 
-    def _hold(self, row: int, moved: np.ndarray, dt: float) -> tuple[np.ndarray, float]:
-        """Fingers that touch carry the object along a small twist, all of them or none."""
-        step = self._follow.roll[row] @ moved
-        largest = float(np.max(np.abs(step) / np.maximum(self._speed[row] * dt, 1e-9), initial=0.0))
-        share = 1.0 / max(largest, 1.0)
-        on = self._touching[row]
-        goes = self._dq + share * step
+    def _hold(self, row: int, moved: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Fingers that touch carry the object along a small twist, or along what of it the tube allows.
+
+        Returns:
+            The correction (nq,) and the twist (6,) that it stands for.
+        """
+        if not moved.any():
+            return self._dq, moved
+        roll, held_back = self._follow.roll[row], False
+        fastest = float(np.max(np.abs(roll @ moved) / np.maximum(self._speed[row] * dt, 1e-9)))
+        moved = moved / max(fastest, 1.0)
+        for _ in range(_DIRECTIONS):
+            against = self._against(row, self._dq + roll @ moved, roll @ moved)
+            if not len(against):
+                break
+            held_back = True
+            for normal in against:  # the twist loses what goes against this bound, turns weighed by the reach of a hand
+                scaled = normal / _WEIGHT
+                over = float(normal @ moved)
+                if over > 0:
+                    moved = moved - scaled / _WEIGHT * over / float(scaled @ scaled)
+        else:
+            moved = np.zeros(6)
+        self._saturated_s += dt * held_back
+        return self._dq + roll @ moved, moved
+
+    def _against(self, row: int, goes: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """(m, 6) what twists must not go along: bounds that a step of fingers that touch would cross, or cross further.
+
+        A joint that is outside already, from a part with more room, may come back.
+        """
+        roll, on = self._follow.roll[row], self._touching[row]
         lower, upper = self._bounds(row)
-        # A joint that is outside already, from a part with more room, may come back.
-        out = on & (((goes > upper) & (step > 0)) | ((goes < lower) & (step < 0)))
-        if out.any() or self._leaves_reach(row, goes * on, self._dq * on):
-            self._saturated_s += dt
-            return self._dq, 0.0
-        return goes, share
+        rows = [roll[on & (goes > upper) & (step > 0)], -roll[on & (goes < lower) & (step < 0)]]
+        tips = self._follow.tips[row] * on
+        there = (tips @ goes).reshape(-1, 3)
+        far = np.linalg.norm(there, axis=1)
+        out = far > self._tube.reach
+        if out.any():
+            outward = (there / np.maximum(far, 1e-9)[:, None])[out]
+            moves = (tips @ roll).reshape(-1, 3, 6)[out]
+            along = np.einsum("ni,nij->nj", outward, moves)
+            rows.append(along[np.einsum("ni,ni->n", outward, (tips @ step).reshape(-1, 3)[out]) > 0])
+        return np.concatenate(rows)
 
     def _land(self, row: int, error: np.ndarray, dq: np.ndarray, dt: float) -> np.ndarray:
-        """Fingers that are free go where the object is; before the fingers hold it, it is not moved back."""
+        """Fingers that are about to take hold go where the object is, each as far as the tube lets it."""
         free = self._follow.landing[row]
         if not free.any():
             return dq
         target = self._follow.place[row] @ error
-        reach = np.linalg.norm((self._follow.tips[row] @ (target * (free > 0))).reshape(-1, 3), axis=1).max()
-        if reach > self._tube.reach:
-            target = target * (self._tube.reach / reach)
-            self._saturated_s += dt
         lower, upper = self._bounds(row)
-        target = np.clip(target, lower, upper)
+        room = np.where(target > 0, upper, -lower) / np.maximum(np.abs(target), 1e-9)
+        far = np.linalg.norm((self._follow.tips[row] @ target).reshape(-1, 3), axis=1)
+        share = np.minimum(np.minimum.reduceat(room, self._first), self._tube.reach / np.maximum(far, 1e-9))
+        share = np.repeat(np.minimum(share, 1.0), self._count)
+        if np.any((share < 1.0) & (free > 0)):
+            self._saturated_s += dt
         most = self._speed[row] * dt
-        return dq + np.clip(free * (1 - np.exp(-LANDING * dt)) * (target - dq), -most, most)
+        return dq + np.clip(free * (1 - np.exp(-LANDING * dt)) * (share * target - dq), -most, most)
 
     def _bounds(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         part = self._follow.part[row]
         return self._tube.lower[part], self._tube.upper[part]
-
-    def _leaves_reach(self, row: int, goes: np.ndarray, now: np.ndarray) -> bool:
-        tips = self._follow.tips[row]
-        there = np.linalg.norm((tips @ goes).reshape(-1, 3), axis=1)
-        here = np.linalg.norm((tips @ now).reshape(-1, 3), axis=1)
-        return bool(np.any((there > self._tube.reach) & (there > here)))
 
     def _note(self, row: int, before: np.ndarray) -> None:
         if self._dq is before:

@@ -38,7 +38,7 @@ class Followers:
     tips: np.ndarray
     """(k, 3 fingers, nq) m per rad: what joints do to tip centres."""
     landing: np.ndarray
-    """(k, nq) 1 where a finger is free and goes to where the object is, 0 where it touches, rising after lift-off."""
+    """(k, nq) 1 where a finger is free and will take hold, 0 where it touches or stays free, rising after lift-off."""
 
     @classmethod
     def of(cls, plan: Plan, hand: Hand, object_: Object, *, step: float) -> Followers:
@@ -92,11 +92,13 @@ def _map(J: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 def _rising(touching: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(k,) 0 while a finger touches, then smoothly to 1 in the first share of the time it is free."""
+    """(k,) 0 while a finger touches, then smoothly to 1 in the first share of the time until it touches again."""
     out = np.zeros(len(t))
     edges = np.flatnonzero(np.diff(np.r_[False, ~touching, False].astype(int)))
     for a, b in edges.reshape(-1, 2):
-        length = max(_LIFTING * (t[min(b, len(t) - 1)] - t[a]), 1e-3)
+        if b == len(t):
+            continue
+        length = max(_LIFTING * (t[b] - t[a]), 1e-3)
         u = np.clip((t[a:b] - t[a]) / length, 0.0, 1.0) if a else np.ones(b - a)
         out[a:b] = u * u * (3 - 2 * u)
     return out
