@@ -6,6 +6,7 @@ Worked out when the plan is loaded, from the plan, its certificate and the hand 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,17 +15,23 @@ from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
+_CLEARANCE_SHARE = 0.6
+"""Of the least clearance, what a fingertip may be moved: the same joints move it farther as the finger bends on."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tube:
     """Bounds on corrections, a row per part."""
 
     lower: np.ndarray
-    """(parts, nq) most negative correction of each joint, rad: commands stay within the joint's limits."""
+    """(parts, nq) most negative correction of each joint, rad: commands stay within the joint's limits in this part,
+    until the finger lets go and after, and from where it takes hold next."""
     upper: np.ndarray
     """(parts, nq) largest."""
+    limits: np.ndarray
+    """(2, parts, nq) the same of this part alone: what is never exceeded."""
     reach: float
-    """How far a fingertip may be moved off its planned path, m: the least clearance that the certificate found."""
+    """How far a fingertip may be moved off its planned path, m: most of the least clearance in the certificate."""
     turn: np.ndarray
     """(parts,) error of the object's rotation that is corrected at most, rad: the friction cone's room, by angle."""
 
@@ -53,12 +60,31 @@ class Tube:
         room = np.array(turn)
         for i, angle in _force_angles(plan):
             room[i] = min(room[i], cone - angle)
+        limits = np.array([lower, upper])
+        ahead = _ahead(plan, hand, limits)
         return cls(
-            lower=np.array(lower),
-            upper=np.array(upper),
-            reach=max(0.0, -1e-3 * (0.0 if overlap is None else overlap)),
+            lower=ahead[0],
+            upper=ahead[1],
+            limits=limits,
+            reach=_CLEARANCE_SHARE * max(0.0, -1e-3 * (0.0 if overlap is None else overlap)),
             turn=np.maximum(room, 0.0),
         )
+
+
+def _ahead(plan: Plan, hand: Hand, limits: np.ndarray) -> np.ndarray:
+    """(2, parts, nq) limits (2, parts, nq) cut to what a finger needs from now until it has let go, and taken hold."""
+    out = limits.copy()
+    for i, finger in enumerate(hand.fingers):
+        touches = np.array([mode[i] != "0" for mode in plan.modes])
+        starts = [0, *(np.flatnonzero(np.diff(touches)) + 1), len(touches)]
+        stretches = [slice(a, b) for a, b in pairwise(starts)]
+        for k, stretch in enumerate(stretches):
+            # A contact lasts into the time after it; while free, a finger makes for the contact that comes.
+            until = stretches[min(k + (1 if touches[stretch.start] else 2), len(stretches) - 1)].stop
+            c, rows = finger.columns, slice(stretch.start, until)
+            out[0, stretch, c[0] : c[-1] + 1] = limits[0, rows, c[0] : c[-1] + 1].max(axis=0)
+            out[1, stretch, c[0] : c[-1] + 1] = limits[1, rows, c[0] : c[-1] + 1].min(axis=0)
+    return out
 
 
 def _force_angles(plan: Plan) -> list[tuple[int, float]]:

@@ -61,7 +61,9 @@ def export(plan: Plan) -> MujocoExport:
     first = trajectory.at(0.0)
     X_WO = first.X_WO[0]
     pose = np.array([*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)])
-    weld = spec.add_equality(
+    thing = spec.body(OBJECT)
+    thing.pos, thing.quat = pose[:3], pose[3:]  # a weld holds bodies as they stand in the model
+    spec.add_equality(
         name=FIXTURE,
         type=mujoco.mjtEq.mjEQ_WELD,
         objtype=mujoco.mjtObj.mjOBJ_BODY,
@@ -70,8 +72,6 @@ def export(plan: Plan) -> MujocoExport:
         solref=[2 * STEP, 1.0],
         solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0],
     )
-    # Anchor in the second body, the pose of the second body in the first, weight of the rotation.
-    weld.data[:11] = [*X_WO[:3, 3], *_inverse(pose), 1.0]
     model = spec.compile()
     told = commands(trajectory)
     t = np.arange(0.0, plan.duration, STEP)
@@ -100,11 +100,3 @@ def write(exported: MujocoExport, file: Path) -> Path:
     with controls.open("wb") as out:
         np.savez_compressed(out, t=exported.t, ctrl=exported.ctrl, free=exported.free, joints=np.array(exported.joints))
     return controls
-
-
-def _inverse(pose: np.ndarray) -> np.ndarray:
-    """(7,) position and quaternion w x y z of the inverse of a pose given so."""
-    turned, inverse = np.zeros(3), np.zeros(4)
-    mujoco.mju_negQuat(inverse, pose[3:])
-    mujoco.mju_rotVecQuat(turned, pose[:3], inverse)
-    return np.append(-turned, inverse)

@@ -227,6 +227,14 @@ _shares: Any = None
 def _begin(shares: Any) -> None:
     global _shares
     _shares = shares
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _one(run: partial, change: Perturbation, seed: int, i: int) -> Run:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drake_hand.model.hand import Hand
 from drake_hand.plans.trajectory import Trajectory
 from tests.verify.held import END, RAMP, held_plan
 
@@ -27,7 +28,7 @@ def test_model_and_controls_replay_the_plan(tmp_path):
         data.ctrl[:] = ctrl
         mujoco.mj_step(model, data)
         if t < RAMP:
-            np.testing.assert_allclose(data.body("object").xpos, start, atol=2e-5)
+            np.testing.assert_allclose(data.body("object").xpos, start, atol=1e-4)  # a weld of MuJoCo's gives a little
     assert data.time == pytest.approx(END)
     planned = Trajectory(plan).at(END)
     np.testing.assert_allclose(data.body("object").xpos, planned.X_WO[0, :3, 3], atol=0.3e-3)
@@ -40,8 +41,10 @@ def test_controls_are_the_commands_of_the_plan():
     plan = held_plan()
     made = export(plan)
     assert made.joints == plan.joints
-    told = Trajectory(plan).at(made.t)
-    still = np.abs(np.gradient(told.q_command, made.t, axis=0)).max(axis=1) < 1e-6
-    assert still.any()
-    np.testing.assert_allclose(made.ctrl[still], told.q_command[still], atol=1e-6)
+    trajectory, hand = Trajectory(plan), Hand.load("kanguera")
+    told = trajectory.at(made.t).q_command
+    lead = np.gradient(told, made.t, axis=0) * hand.damping / hand.stiffness
+    assert np.abs(lead).max() > 1e-5
+    smooth = np.abs(made.t[:, None] - trajectory.knots).min(axis=1) > 1.5e-3
+    np.testing.assert_allclose(made.ctrl[smooth], (told + lead)[smooth], atol=1e-6)
     np.testing.assert_allclose(made.free, [[RAMP, END]])
