@@ -30,7 +30,7 @@ class MujocoExport:
     """What it takes to replay a plan in MuJoCo."""
 
     xml: str
-    """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts."""
+    """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts, to about 0.1 mm."""
     t: np.ndarray
     """(k,) times of the controls, one a step of the model, s."""
     ctrl: np.ndarray

@@ -28,7 +28,7 @@ def test_model_and_controls_replay_the_plan(tmp_path):
         data.ctrl[:] = ctrl
         mujoco.mj_step(model, data)
         if t < RAMP:
-            np.testing.assert_allclose(data.body("object").xpos, start, atol=1e-4)  # a weld of MuJoCo's gives a little
+            np.testing.assert_allclose(data.body("object").xpos, start, atol=2e-4)  # a weld of MuJoCo's gives a little
     assert data.time == pytest.approx(END)
     planned = Trajectory(plan).at(END)
     np.testing.assert_allclose(data.body("object").xpos, planned.X_WO[0, :3, 3], atol=0.3e-3)
