@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from drake_hand.contact.grasp_measures import grasp_measures
     from drake_hand.model.hand import Hand
     from drake_hand.model.object import Object
-    from drake_hand.physics.replay import simulate
+    from drake_hand.physics.runs import simulate
     from drake_hand.plans.plan import Plan
     from drake_hand.plans.task import Task
 
@@ -23,7 +23,7 @@ _HOME = {
     "grasp_measures": "drake_hand.contact.grasp_measures",
     "plan": "drake_hand.api",
     "show": "drake_hand.api",
-    "simulate": "drake_hand.physics.replay",
+    "simulate": "drake_hand.physics.runs",
 }
 
 __all__ = ["Hand", "Object", "Plan", "Task", "check", "grasp_measures", "plan", "show", "simulate"]

@@ -18,7 +18,7 @@ COMMANDS = {
     "demo": ("drake_hand.cli.demo:demo", "Plan, check, simulate and execute the bundled pencil rotation."),
     "plan": ("drake_hand.cli.plans:plan", "Find a certified plan for a task."),
     "check": ("drake_hand.cli.plans:check", "Prove a plan again, from its file alone."),
-    "simulate": ("drake_hand.cli.plans:simulate", "Replay a plan in physics."),
+    "simulate": ("drake_hand.cli.simulate:simulate", "Replay a plan in physics."),
     "show": ("drake_hand.cli.plans:show", "Watch a plan in the browser."),
     "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
     "execute": ("drake_hand.cli.drives:execute", "Play a plan on motor drives, real or simulated."),
@@ -74,8 +74,8 @@ def run(tokens: Sequence[str]) -> int:
         return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
     except UnicodeEncodeError as e:
         return report_error(InputError(f"the output takes only {e.encoding}; set PYTHONIOENCODING=utf-8"), as_json)
-    except KeyboardInterrupt:
-        print("drake-hand: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as e:
+        print(f"drake-hand: {str(e) or 'interrupted'}", file=sys.stderr)
         return 130
     except Exception as e:
         if os.environ.get(TRACEBACK):

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from drake_hand.cli import plans
+from drake_hand.cli.simulate import simulate
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
@@ -29,7 +30,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     steps = {
         "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
         "Prove it again, from its file alone": lambda: plans.check(file),
-        "Replay it in physics": lambda: plans.simulate(file, html=physics),
+        "Replay it in physics": lambda: simulate(file, html=physics),
         "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
         "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
         "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),

@@ -1,10 +1,8 @@
-"""Commands about plans: plan, check, simulate, show, plot."""
+"""Commands about plans: plan, check, show, plot."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +10,7 @@ import msgspec
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
+from drake_hand.cli.output import error_answer, naming, print_json, print_table, progress_display
 from drake_hand.errors import InputError
 from drake_hand.files import require_folder, resolve, write_atomic
 from drake_hand.plans.plan import Certificate, Plan, Worst
@@ -57,7 +55,7 @@ def plan(
     for written in (output, html):
         if written:
             require_folder(written)
-    with _naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
+    with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
         result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
     found = result.plan
     page = api.show(found) if html else None
@@ -102,7 +100,7 @@ def check(file: Path, /, *, json: bool = False) -> int:
     from drake_hand import api
 
     subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
+    with naming(file), progress_display(quiet=json) as progress:
         certificate = api.check(subject, progress=progress)
     edited = _edited(subject, file)
     certified = certificate.certified and edited is None
@@ -116,64 +114,6 @@ def check(file: Path, /, *, json: bool = False) -> int:
         print(f"drake-hand: {edited}", file=sys.stderr)
         return edited.exit_status
     return 0 if certified else 1
-
-
-def simulate(
-    file: Path,
-    /,
-    *,
-    html: Path | None = None,
-    runs: Annotated[int, Parameter(validator=Number(gte=1))] = 1,
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
-    json: bool = False,
-) -> int:
-    """Replay a plan in physics: does the object stay in the hand, and where does it end?
-
-    One run is as planned; of more, every one has its own friction, mass, stiffness (20 %) and start pose (1 mm, 2 deg).
-    A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
-    Exit status: 0 no run dropped the object, 1 one did, 2 wrong input.
-
-    ```console
-    $ drake-hand simulate spin.plan.json --html spin-physics.html
-    $ drake-hand simulate spin.plan.json --runs 20 --json
-    ```
-
-    Args:
-        file: the plan file.
-        html: also write a page of the unperturbed run: what was planned faint, contact forces as arrows.
-        runs: how many.
-        seed: of the perturbations.
-        json: print one JSON object on stdout.
-    """
-    from drake_hand.physics.replay import simulate as replay
-    from drake_hand.view.replay import render_replay
-
-    subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
-        pages: list[str] = []
-        watch = (lambda run, record: pages.append(render_replay(subject, run, record))) if html else None
-        result = replay(subject, runs=runs, seed=seed, watch=watch, progress=progress)
-    if json:
-        print_json(msgspec.to_builtins(result))
-    else:
-        print_table(
-            f"Physics ({result.contact} contact, friction {result.friction:g})",
-            ["run>", "", "position mm>", "tilt deg>", "rotation deg>", "rotated deg>", "slip mm>"],
-            [
-                (
-                    i,
-                    "dropped" if r.dropped else "ok" if r.success else "off",
-                    *(r.position_error_mm, r.tilt_error_deg, r.rotation_error_deg, r.rotated_deg, r.slip_mm),
-                )
-                for i, r in enumerate(result.runs)
-            ],
-        )
-        print(f"success rate {result.success_rate:.0%}, {result.realtime_factor:.2g} x real time")
-    if html:
-        write_atomic(html, pages[0])
-        if not json:
-            print(f"wrote {html}")
-    return 1 if result.dropped else 0
 
 
 def show(file: Path, /, *, html: Path | None = None) -> None:
@@ -191,7 +131,7 @@ def show(file: Path, /, *, html: Path | None = None) -> None:
     from drake_hand import api
     from drake_hand.view.show import serve
 
-    with _naming(file):
+    with naming(file):
         page = api.show(Plan.load(file))
     if html:
         write_atomic(html, page)
@@ -224,17 +164,6 @@ def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "
         files = draw_plan(subject, Hand.load(subject.task.hand), output)
     for written in files:
         print(f"wrote {written}")
-
-
-@contextmanager
-def _naming(file: Path) -> Iterator[None]:
-    """Adds the file to errors that know what is wrong, but not where it was read."""
-    try:
-        yield
-    except InputError as e:
-        if e.file is not None:
-            raise
-        raise e.within(file) from e
 
 
 def _times(result: PlanResult) -> str:

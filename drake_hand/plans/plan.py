@@ -132,6 +132,10 @@ class Plan(_Strict, frozen=True, kw_only=True):
         c = self.certificate
         return c is not None and c.certified and c.intact and c.plan_hash == self.hash
 
+    def __reduce__(self) -> tuple:
+        # By way of JSON: msgspec tells defaults by identity, which pickling loses, and with it the hash.
+        return _from_json, (msgspec.json.encode(self),)
+
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
         write_atomic(Path(path), msgspec.json.encode(self, order="deterministic") + b"\n")
@@ -216,3 +220,7 @@ def _digest(whole: msgspec.Struct) -> str:
     """sha256 of a structure as it reads back from a file (where 1 is 1.0)."""
     read = msgspec.json.decode(msgspec.json.encode(whole), type=type(whole))
     return hashlib.sha256(msgspec.json.encode(read, order="deterministic")).hexdigest()
+
+
+def _from_json(text: bytes) -> Plan:
+    return msgspec.json.decode(text, type=Plan)
