@@ -1,7 +1,9 @@
 """`drake-hand execute`, `drives scan` and `drives status`, as typed."""
 
 import json
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import can
@@ -149,3 +151,35 @@ def test_an_empty_bus_is_told_as_such(plan, capsys):
     assert len(json.loads(capsys.readouterr().out)["problems"]) == 15
     assert run(["execute", plan, "--drives", "kanguera", *bus]) == 1
     assert "is the bus powered" in capsys.readouterr().err
+
+
+def test_off_gets_out_of_what_a_killed_execute_leaves(plan, capsys):
+    """Quick stop, heartbeat lost, still powered: `execute` refuses, `drives off` ends it, `execute` plays."""
+    command = [sys.executable, "-c", "from drake_hand.cli import main; main()", "execute", plan, "--drives", "kanguera"]
+    with spawn_simulated_drives(KANGUERA) as spawned:
+        bus = ["--interface", spawned.interface, "--channel", spawned.channel]
+        with subprocess.Popen([*command, *bus]) as player, spawned.open_bus() as listener:
+            while (message := listener.recv(10)) and message.arbitration_id != 0x301:
+                pass
+            player.kill()
+        time.sleep(0.5)
+        assert run(["execute", plan, "--drives", "kanguera", *bus]) == 1
+        assert "already powered" in capsys.readouterr().err
+        assert run(["drives", "off", "--drives", "kanguera", *bus, "--json"]) == 0
+        answer = json.loads(capsys.readouterr().out)
+        assert (answer["ok"], answer["drives"], answer["disabled"], answer["problems"]) == (True, 15, True, [])
+        assert set(answer["before"].values()) == {"quick stop active"}
+        assert run(["execute", plan, "--drives", "kanguera", *bus]) == 0
+
+
+def test_off_names_who_does_not_answer(capsys):
+    fault = FaultsFile(faults=[Fault(kind="lost", joint="ring_pip", since="boot", at_s=0.0)])
+    with spawn_simulated_drives(KANGUERA, faults=fault) as spawned:
+        assert (
+            run(["drives", "off", "--drives", "kanguera", "--interface", "udp_multicast", "--channel", spawned.channel])
+            == 1
+        )
+    out = capsys.readouterr().out
+    assert "14 of 15 drives are off" in out
+    assert "ring_pip: node 6" in out
+    assert "cut the supply" in out
