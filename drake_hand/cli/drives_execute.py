@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Annotated, Literal
 
 import can
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
 
+from drake_hand.cli.drives_person import Terminal, say
+from drake_hand.cli.drives_proof import prove
 from drake_hand.cli.output import print_json, print_table, progress_display
-from drake_hand.epos import executor, preflight, rehearsal
+from drake_hand.epos import excerpts, executor, preflight, rehearsal
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
 from drake_hand.epos.record import SUFFIX
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import Excerpt, Schedule
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.errors import InputError
+from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 
 
@@ -26,29 +33,49 @@ def execute(
     interface: str | None = None,
     channel: str | None = None,
     simulate: bool = False,
+    speed: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = 1.0,
+    fingers: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    to_part: int | None = None,
+    step: bool = False,
+    pause: Literal["grasp"] | None = None,
+    go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    yes: bool = False,
+    trust: bool = False,
     dry_run: bool = False,
+    frames: bool = False,
     reset_faults: bool = False,
     log: Path | None = None,
     json: bool = False,
 ) -> int:
     """Play a plan on motor drives, real or simulated.
 
-    Everything is checked before any drive is enabled. Ctrl-C stops the hand; a second Ctrl-C takes the power off at
-    once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a drive, 2 wrong input.
+    The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C stops the hand; a second
+    Ctrl-C takes the power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
+    drive, 2 wrong input.
 
     ```console
     $ drake-hand execute spin.plan.json --drives kanguera --simulate
-    $ drake-hand execute spin.plan.json --drives my.drives.yaml --log today.run.npz
-    $ drake-hand execute spin.plan.json --drives my.drives.yaml --dry-run | less
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --fingers index --speed 0.2 --to-part 0
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --pause grasp --log today.run.npz
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --dry-run --frames | less
     ```
 
     Args:
         plan: the plan file.
-        drives: a bundled name (kanguera) or a drives file.
+        drives: a bundled name (kanguera) or a drives file; joints it leaves out are not played.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
         simulate: play on simulated drives in a child process, on a bus of their own.
-        dry_run: print the frames and when they are sent; open no bus, send nothing.
+        speed: share of the planned speed.
+        fingers: play only these; the drives of the others are left alone, where they are.
+        to_part: end after this part, counted from 0 as `check` and `show` do.
+        step: hold at every switch, until Enter.
+        pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
+        go_after: seconds after which a pause ends by itself.
+        yes: give power without asking.
+        trust: rely on the certificate in the file; for a computer without Drake.
+        dry_run: say what would be played and how it loads the bus; open no bus, send nothing.
+        frames: with --dry-run: also every frame and when it is sent.
         reset_faults: reset the drives that are in fault and end there: nothing is enabled, nothing moves.
         log: write the record of the run there (.run.npz; for plot and mirror).
         json: print one JSON object on stdout.
@@ -58,19 +85,38 @@ def execute(
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    played = hand.only(_joints(found, fingers)) if fingers else hand
+    excerpt, words = _excerpt(found, speed, to_part, step, pause)
     if dry_run:
-        return _dry_run(found, hand, json)
+        return _dry_run(found, played, excerpt, frames, json)
     with ExitStack() as stack:
         bus = _open(stack, found, hand, interface, channel, simulate)
         if reset_faults:
             return _reset_faults(hand, bus, json)
+        person = Terminal(
+            lambda schedule: _summary(found, schedule, excerpt),
+            power=not (simulate or yes),
+            words=words,
+            go_after=go_after,
+        )
+        if trust:
+            say("warning: the plan is not proved again; what is in the file is relied on")
         try:
-            with progress_display(quiet=json) as progress:
-                run = executor.execute(found, hand, bus, log=log, progress=progress)
+            with progress_display(quiet=json or bool(words)) as progress:
+                run = executor.execute(
+                    found,
+                    played,
+                    bus,
+                    excerpt=excerpt,
+                    problems=[] if trust else prove(plan),
+                    person=person,
+                    log=log,
+                    progress=progress,
+                )
         except preflight.Refused as e:
             if not json:
                 raise
-            refused = {"drives": len(hand.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
+            refused = {"drives": len(played.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
             print_json({"ok": False, **refused})
             return e.exit_status
     if json:
@@ -78,6 +124,44 @@ def execute(
     else:
         _print_run(run)
     return 0 if run.ok else 1
+
+
+def _joints(plan: Plan, fingers: list[str]) -> list[str]:
+    """Joints of some fingers of the plan's hand."""
+    hand = Hand.load(plan.task.hand)
+    return [j for name in fingers for j in hand.finger(name).joints]
+
+
+def _excerpt(
+    plan: Plan, speed: float, to_part: int | None, step: bool, pause: str | None
+) -> tuple[Excerpt, dict[float, str]]:
+    """What is played, and what is said at its pauses."""
+    end = plan.duration if to_part is None else excerpts.part_end(plan, to_part)
+    words: dict[float, str] = {}
+    if step:
+        words |= {t: ", ".join(next(p.events for p in plan.parts if p.t[0] == t)) for t in excerpts.switches(plan, end)}
+    if pause:
+        said = ("just off the contacts: hand the object over", "all fingers press: let go of the object")
+        words |= dict(zip(excerpts.around_grasp(plan, end), said, strict=False))
+    return Excerpt(speed=speed, end_s=end, pauses_s=tuple(sorted(words))), words
+
+
+def _summary(plan: Plan, schedule: Schedule, excerpt: Excerpt) -> str:
+    """One line: what is about to be played."""
+    drives, end = schedule.drives, excerpt.end_s
+    parts = sum(p.t[0] < (plan.duration if end is None else end) for p in plan.parts)
+    limit = np.array([d.max_speed_rpm for d in drives.drives])
+    words = [
+        f"{len(drives.drives)} drives: parts 0 to {parts - 1} of {len(plan.parts)}",
+        f"{schedule.last * schedule.period:.1f} s at {excerpt.speed:.0%} of the planned speed",
+        f"motors at {(np.abs(schedule.rpm) / limit).max():.0%} of their speed limit",
+    ]
+    if excerpt.pauses_s:
+        words.append(f"{len(excerpt.pauses_s)} pauses")
+    missing = [j for j in plan.joints if j not in drives.joints]
+    if missing:
+        words.append(f"NOT played: {', '.join(missing)}; whether the fingers stay clear of these was not proved")
+    return "; ".join(words)
 
 
 def _open(
@@ -93,35 +177,35 @@ def _open(
     return stack.enter_context(open_bus(drives.bus, spawned.interface, spawned.channel))
 
 
-def _dry_run(plan: Plan, drives: Drives, json: bool) -> int:
-    problems, wrong_input = preflight.plan_problems(plan, drives)
+def _dry_run(plan: Plan, drives: Drives, excerpt: Excerpt, frames: bool, json: bool) -> int:
+    problems, wrong_input = preflight.plan_problems(plan, drives, excerpt)
     if problems:
         raise preflight.Refused(problems, wrong_input=wrong_input)
-    schedule = Schedule.build(plan, drives)
+    schedule = Schedule.build(plan, drives, excerpt=excerpt)
     rehearsed = rehearsal.rehearse(schedule)
     mean, largest = rehearsal.bus_load(rehearsed.frames, drives)
     lines = list(rehearsal.lines(rehearsed))
     if json:
-        print_json(
-            {
-                "ok": True,
-                "dry_run": True,
-                "drives": len(drives.drives),
-                "lead_in_s": schedule.lead * schedule.period,
-                "plan_s": plan.duration,
-                "bus_load": {"mean": mean, "max": largest},
-                "frames": lines,
-            }
-        )
+        answer = {
+            "ok": True,
+            "dry_run": True,
+            "drives": len(drives.drives),
+            "lead_in_s": schedule.lead * schedule.period,
+            "plan_s": schedule.plan_time[-1],
+            "bus_load": {"mean": mean, "max": largest},
+            "frame_count": len(lines),
+        }
+        print_json(answer | ({"frames": lines} if frames else {}))
         return 0
-    print("   time ms  COB  data                     meaning")
-    for line in lines:
-        print(line)
+    print(_summary(plan, schedule, excerpt))
     print(
-        f"{len(lines)} frames; SYNC every {drives.bus.sync_ms} ms; lead-in {schedule.lead * schedule.period:g} s, plan"
-        f" {plan.duration:g} s; bus load with the drives' answers: {mean:.0%} on average, {largest:.0%} at most;"
-        " nothing was sent"
+        f"{len(lines)} frames; SYNC every {drives.bus.sync_ms} ms; lead-in {schedule.lead * schedule.period:g} s;"
+        f" bus load with the drives' answers: {mean:.0%} on average, {largest:.0%} at most; nothing was sent"
     )
+    if frames:
+        print("   time ms  COB  data                     meaning")
+        for line in lines:
+            print(line)
     return 0
 
 

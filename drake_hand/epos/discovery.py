@@ -96,7 +96,8 @@ def mismatches(master: Master, drives: Drives) -> tuple[list[str], list[Drive]]:
         return ["no node answers: is the bus powered, terminated, and at the bitrate of the drives?"], []
     expected = {d.node: d for d in drives.drives}
     problems = [f"{d.joint} (node {n}): no answer" for n, d in expected.items() if n not in present]
-    problems += [f"node {n}: on the bus, but not in {drives.file.name}" for n in sorted(present - set(expected))]
+    strangers = present - set(expected) - {d.node for d in drives.spared}
+    problems += [f"node {n}: on the bus, but not in {drives.file.name}" for n in sorted(strangers)]
     answering = [d for d in drives.drives if d.node in present]
     return problems + [p for lines in for_all(lambda d: _wrong(master, d), answering) for p in lines], answering
 

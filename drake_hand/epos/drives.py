@@ -9,8 +9,8 @@ Units: joints rad, rad/s, rad/s^2; motors counts (quadrature, 4 x encoder lines)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -124,6 +124,8 @@ class Drives:
     drives: tuple[Drive, ...]
     coupling: np.ndarray
     """(n, n) C, a row per drive, a column per joint."""
+    spared: tuple[Drive, ...] = ()
+    """Further drives of the file, which may be on the bus and are left alone."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -156,20 +158,41 @@ class Drives:
             (n,) column of each drive's joint.
 
         Raises:
-            InputError: a joint has no drive, or a drive's joint is not there; lists all.
+            InputError: a drive's joint is not there; lists all.
         """
-        missing, extra = [j for j in joints if j not in self.joints], [j for j in self.joints if j not in joints]
-        if missing or extra:
-            found = [f"no drive for {', '.join(missing)}"] * bool(missing)
-            found += [f"drive for unknown {', '.join(extra)}"] * bool(extra)
+        extra = [j for j in self.joints if j not in joints]
+        if extra:
             raise InputError(
                 "drives and plan are not for the same joints",
                 file=self.file,
                 key="joints",
-                found="; ".join(found),
+                found=f"drive for unknown {', '.join(extra)}",
                 expected=", ".join(joints),
             )
         return np.array([list(joints).index(j) for j in self.joints])
+
+    def only(self, joints: Collection[str]) -> Drives:
+        """The drives of some joints; the others are spared.
+
+        Raises:
+            InputError: none of these joints has a drive, or one shares cables with a joint that is left out.
+        """
+        keep = [i for i, j in enumerate(self.joints) if j in joints]
+        if not keep:
+            known = ", ".join(self.joints)
+            raise InputError("no drive for these joints", file=self.file, found=", ".join(joints), expected=known)
+        rest = [i for i in range(len(self.joints)) if i not in keep]
+        for k in keep:
+            for i in rest:
+                if self.coupling[k, i] or self.coupling[i, k]:
+                    a, b = self.joints[k], self.joints[i]
+                    raise InputError(f"{a} shares cables with {b}", file=self.file, key="coupling", expected="both")
+        return replace(
+            self,
+            drives=tuple(self.drives[i] for i in keep),
+            coupling=self.coupling[np.ix_(keep, keep)],
+            spared=(*self.spared, *(self.drives[i] for i in rest)),
+        )
 
     def counts_from_joints(self, q: np.ndarray) -> np.ndarray:
         """Motor positions of joint positions.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,11 +21,12 @@ from drake_hand.epos.configure import configure, release
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
+from drake_hand.epos.person import AGREES, Person
 from drake_hand.epos.player import Player
 from drake_hand.epos.preflight import Refused, check
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError
 from drake_hand.plans.plan import Plan
 
@@ -96,6 +97,9 @@ def execute(
     drives: Drives,
     bus: can.BusABC,
     *,
+    excerpt: Excerpt = WHOLE,
+    problems: Sequence[str] = (),
+    person: Person = AGREES,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
@@ -107,26 +111,31 @@ def execute(
         plan: certified.
         drives: of the hand.
         bus: open; stays the caller's to shut down.
+        excerpt: what of the plan is played.
+        problems: what is known to be wrong already, one line each.
+        person: asked before any drive is enabled, and at every pause.
         log: file for the run's record.
         progress: called a few times a second.
 
     Raises:
-        Refused: something is not as it has to be; no drive was enabled.
+        Refused: something is not as it has to be, or the person does not agree; no drive was enabled.
     """
     with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
         progress(Progress(stage="looking for drives"))
-        schedule = check(master, plan, drives)
+        schedule = check(master, plan, drives, excerpt, problems)
+        if not person.agrees(schedule):
+            raise Refused(["not agreed to"], wrong_input=False, disabled=True)
         progress(Progress(stage="configuring"))
         off = list(drives.drives)
         try:
-            problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
-            problems += [
+            found = configure(master, drives.drives, drives.bus) or _operational(master, drives)
+            found += [
                 f"node {e.node}: EMCY {emcy_words(e.code)} while being configured" for e in master.emergencies if e.code
             ]
-            if problems:
-                raise Refused(problems, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
+            if found:
+                raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
-            run = _play(master, plan, schedule, str(bus.channel_info), progress, off)
+            run = _play(master, plan, schedule, str(bus.channel_info), person, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
             release(master, off)
@@ -175,6 +184,7 @@ def _play(
     plan: Plan,
     schedule: Schedule,
     bus_name: str,
+    person: Person,
     progress: Callable[[Progress], None],
     off: list[Drive],
 ) -> Run:
@@ -186,7 +196,7 @@ def _play(
         master.attach(player, schedule.period)
         failure: BaseException | None = None
         try:
-            _watch(player, plan.duration, progress)
+            _watch(player, person, progress)
         except BaseException as e:
             failure = e
             player.request_stop("internal", f"{type(e).__name__}: {e}")
@@ -208,7 +218,6 @@ def _play(
         nodes=list(drives.nodes),
         types=[str(d.type) for d in drives.drives],
         sync_ms=drives.bus.sync_ms,
-        lead=schedule.lead,
         bus=bus_name,
         realtime=master.realtime,
         ok=not faults and not not_disabled,
@@ -218,23 +227,25 @@ def _play(
     return Run(record=player.log.record(header), start_skew=player.start_skew)
 
 
-def _watch(player: Player, duration: float, progress: Callable[[Progress], None]) -> None:
-    """Reports until the run is over.
+def _watch(player: Player, person: Person, progress: Callable[[Progress], None]) -> None:
+    """Reports, and asks at pauses, until the run is over.
 
     Raises:
         DriveError: the bus thread hangs: no SYNC goes out any more.
     """
-    syncs, stuck = -1, 0
+    syncs, stuck, end = -1, 0, float(player.schedule.plan_time[-1])
     while not player.done.wait(PROGRESS_S):
         stuck = stuck + 1 if player.watch.sync == syncs else 0
         syncs = player.watch.sync
         if stuck * PROGRESS_S > HANGS_S:
             raise DriveError("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
+        if player.waiting is not None and person.goes_on(player.waiting):
+            player.go_on()
         when, tracking, late = player.log.latest()
         progress(
             Progress(
                 stage=player.stage,
-                fraction=min(max(when, 0.0) / duration, 1.0),
+                fraction=min(max(when, 0.0) / end, 1.0),
                 time_s=max(when, 0.0),
                 tracking_deg=tracking,
                 sync_late_ms=late,

@@ -76,6 +76,10 @@ class Player:
         """Of the schedule, at the last SYNC."""
         self.start_skew = 0
         """SYNCs between the first and the last drive that began to play."""
+        self.waiting: float | None = None
+        """Plan time at which the motion holds until :meth:`go_on`; None while it does not."""
+        self._go_on = threading.Event()
+        self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
         self._send = send
         self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
@@ -93,6 +97,10 @@ class Player:
     def request_stop(self, kind: str, text: str) -> None:
         """Stops the group at the next SYNC at the latest; the second request takes the power off at once."""
         self._requests.append((kind, text))
+
+    def go_on(self) -> None:
+        """Ends a pause."""
+        self._go_on.set()
 
     # In the bus thread
 
@@ -112,9 +120,10 @@ class Player:
         self._put(SYNC_COB, b"")
         self.watch.sync += 1
         if self._moving:
-            self.step = min(self.step + 1 + skipped, self.schedule.last)
+            self.step = min(self.step + 1 + skipped, self._stretch[1])
             self.watch.demand = self.schedule.counts[self.step].tolist()
-        self.log.open_row(now, late, self.step, moving=self._moving)
+        between = not self._moving and not self._stopping and self.step < self.schedule.last
+        self.log.open_row(now, late, -1 if between else self.step, moving=self._moving)
         try:
             next(self._course, None)
         except _Stop as e:
@@ -188,10 +197,16 @@ class Player:
         for word, state in LADDER:
             yield from self._bring(word, state)
         self.watch.enabled, self.watch.demand = True, self.schedule.counts[0].tolist()
-        yield from self._prime()
-        self.stage = "playing"
-        yield from self._motion()
-        yield from self._settle()
+        first = 0
+        for last in self.schedule.stops:
+            self._stretch = first, last
+            yield from self._prime()
+            self.stage = "playing"
+            yield from self._motion()
+            yield from self._settle()
+            if last < self.schedule.last:
+                yield from self._pause()
+            first = last
         self._stopping = True
         self.watch.enabled, self.watch.demand = False, None
         yield from self._disable()
@@ -217,7 +232,7 @@ class Player:
         raise _Stop("enable", f"is {axis.state.value}, does not get {state.value}", axis)
 
     def _prime(self) -> Iterator[None]:
-        waiting = [deque(b.prime()) for b in self._backends]
+        waiting = [deque(b.prime(*self._stretch)) for b in self._backends]
         while any(waiting):
             for axis, records in zip(self.axes, waiting, strict=True):
                 for _ in range(min(RECORDS_PER_SYNC, len(records))):
@@ -235,9 +250,12 @@ class Player:
         self._put(axis.layout.record.cob_id(axis.drive.node), record)
 
     def _motion(self) -> Iterator[None]:
-        self._command_step(0)
+        first, last = self._stretch
+        self._first_playing.clear()
+        self.step = first - 1
+        self._command_step(first)
         self._moving = True
-        while self.step < self.schedule.last:
+        while self.step < last:
             yield
             self._command_step(self.step + 1)
             for axis, backend in zip(self.axes, self._backends, strict=True):
@@ -255,8 +273,10 @@ class Player:
 
     def _check_in_step(self) -> None:
         """That the drives began to play in the same SYNC, and play to the end (which comes early on a fast clock)."""
-        if self.step > STARTED_BY:
-            if self.step < self.schedule.last * (1 - CLOCK_TOLERANCE) - 1:
+        first, last = self._stretch
+        played = self.step - first
+        if played > STARTED_BY:
+            if played < (last - first) * (1 - CLOCK_TOLERANCE) - 1:
                 for axis, backend in zip(self.axes, self._backends, strict=True):
                     if not backend.playing(axis):
                         raise _Stop("skew", "does not play", axis)
@@ -269,6 +289,17 @@ class Player:
             self.start_skew = max(steps) - min(steps)
             if self.start_skew:
                 raise _Stop("skew", f"the drives began to play {self.start_skew} SYNCs apart")
+
+    def _pause(self) -> Iterator[None]:
+        """Holds, enabled, until told to go on."""
+        for i in range(len(self.axes)):
+            self._command(i, Control.ENABLE)  # bit 4 falls, so that it may rise again
+        self._go_on.clear()
+        self.stage, self.waiting = "waiting", float(self.schedule.plan_time[self.step])
+        yield
+        while not self._go_on.is_set():
+            yield
+        self.waiting = None
 
     def _settle(self) -> Iterator[None]:
         """Until every motor rests and no queue plays."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_hand.epos import discovery
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import Master
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError, InputError
 from drake_hand.plans.plan import Plan
 
@@ -30,8 +31,15 @@ class Refused(DriveError):
         super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
 
 
-def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
+def check(master: Master, plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE, known: Sequence[str] = ()) -> Schedule:
     """Checks plan and bus; reads only.
+
+    Args:
+        master: on the bus.
+        plan: to play.
+        drives: for it.
+        excerpt: what of the plan is played.
+        known: problems found before, one line each.
 
     Returns:
         The plan for these drives, from where the motors are.
@@ -39,11 +47,12 @@ def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
     Raises:
         Refused: lists everything that does not hold.
     """
-    problems, wrong_input = plan_problems(plan, drives)
+    problems, wrong_input = plan_problems(plan, drives, excerpt)
+    problems += known
     found, conditions = _look(master, drives)
     problems += found
     measured = np.array([c.position for c in conditions]) if len(conditions) == len(drives.drives) else None
-    schedule = _schedule(plan, drives, measured)
+    schedule = _schedule(plan, drives, measured, excerpt)
     if schedule is not None and measured is not None:
         problems += schedule.far_from_start(measured)
         problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
@@ -53,7 +62,7 @@ def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
     return schedule
 
 
-def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
+def plan_problems(plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE) -> tuple[list[str], bool]:
     """What is wrong with a plan for these drives before a bus is needed; and whether a file is wrong by it."""
     problems, wrong_input = [], False
     if plan.certificate is None:
@@ -64,15 +73,15 @@ def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
     elif not plan.certificate.certified:
         problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))
     try:
-        violations = Schedule.build(plan, drives).violations()
+        violations = Schedule.build(plan, drives, excerpt=excerpt).violations()
     except InputError as e:
         return [*problems, " ".join(str(e).split())], True
     return problems + violations, wrong_input or bool(violations)
 
 
-def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None) -> Schedule | None:
+def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None, excerpt: Excerpt) -> Schedule | None:
     with contextlib.suppress(InputError):  # reported by plan_problems
-        return Schedule.build(plan, drives, start)
+        return Schedule.build(plan, drives, start, excerpt)
     return None
 
 

@@ -17,8 +17,10 @@ from drake_hand.epos import executor, master
 from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute, reset_faults
+from drake_hand.epos.person import Person
 from drake_hand.epos.preflight import Refused, plan_problems
 from drake_hand.epos.record import RunRecord
+from drake_hand.epos.schedule import Excerpt
 from drake_hand.epos.sim.faults import Fault
 from drake_hand.epos.sim.motor import LAG_S
 from drake_hand.epos.sim.process import spawn_simulated_drives
@@ -328,3 +330,53 @@ def test_the_executor_loads_light():
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pydrake", "trimesh", "matplotlib", "yourdfpy"} & set(out)
     assert executor.__doc__
+
+
+class Waits(Person):
+    """Lets every pause last a while."""
+
+    def __init__(self, seconds=0.3):
+        self.seconds, self.since = seconds, {}
+
+    def goes_on(self, plan_time):
+        since = self.since.setdefault(plan_time, time.monotonic())
+        return time.monotonic() - since > self.seconds
+
+
+@pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
+def test_a_plan_with_pauses_holds_and_goes_on(types, virtual, patiently):
+    """All in the same SYNC again, enabled and still in between."""
+    drives = drives_20ms(types)
+    plan = swing(drives.joints, 1.6, swings=4)
+    excerpt = Excerpt(speed=0.8, pauses_s=(0.4, 1.2))
+    person = Waits()
+
+    def play():
+        person.since.clear()
+        with virtual(drives) as (bus, sim):
+            run = execute(plan, drives, bus, excerpt=excerpt, person=person)
+            assert not any(s.powered for s in sim.states.values())
+        return run
+
+    run = patiently(play)
+    answer = run.answer()
+    assert (answer["ok"], answer["faults"], answer["start_skew_syncs"]) == (True, [], 0)
+    assert list(person.since) == pytest.approx([0.4, 1.2])
+    explained(answer, [d.type for d in drives.drives], 0.02)
+    record = run.record
+    gaps = np.diff(record.t)[np.diff(record.plan_time) == 0]
+    assert np.sort(gaps)[-2:].min() > 0.3
+    assert record.t[-1] > 1.6 / 0.8 + 0.6
+
+
+def test_who_does_not_agree_gets_no_power(virtual):
+    class No(Person):
+        def agrees(self, schedule):
+            return False
+
+    with virtual(KANGUERA) as (bus, sim):
+        listening = Listening(bus)
+        with pytest.raises(Refused, match="not agreed to"):
+            execute(swing(KANGUERA.joints, 0.5), KANGUERA, listening, person=No())
+        assert not any(s.powered for s in sim.states.values())
+    assert not [cob for cob in listening.sent if cob & 0x780 in (0x080, 0x200, 0x300, 0x400, 0x500)]

@@ -1,0 +1,70 @@
+"""`Terminal`: the person at the hand, asked on the terminal; its questions never hold up the watching of a run."""
+
+from __future__ import annotations
+
+import select
+import sys
+import time
+from collections.abc import Callable
+
+from drake_hand.epos.person import Person
+from drake_hand.epos.schedule import Schedule
+from drake_hand.errors import InputError
+
+
+class Terminal(Person):
+    """Asks on standard error, reads lines from standard input.
+
+    Args:
+        summary: what is about to be played, in one line.
+        power: whether to ask before power is given.
+        words: what to say at a pause, by its plan time.
+        go_after: seconds after which a pause ends by itself; on Enter only if not given.
+    """
+
+    def __init__(
+        self,
+        summary: Callable[[Schedule], str],
+        *,
+        power: bool,
+        words: dict[float, str] | None = None,
+        go_after: float | None = None,
+    ) -> None:
+        self._summary, self._power = summary, power
+        self._words, self._go_after = words or {}, go_after
+        self._paused: tuple[float, float] | None = None
+
+    def agrees(self, schedule: Schedule) -> bool:
+        """Says what is about to be played and waits for Enter; anything else declines.
+
+        Raises:
+            InputError: nobody is there to ask.
+        """
+        say(self._summary(schedule))
+        if not self._power:
+            return True
+        if not sys.stdin.isatty():
+            raise InputError("nobody is there to agree", key="--yes", found="no terminal", expected="--yes")
+        say("Enter powers the drives, anything else does not: ", end="")
+        return sys.stdin.readline() == "\n"
+
+    def goes_on(self, plan_time: float) -> bool:
+        """Says what the pause is for; over on Enter, or after its time."""
+        now = time.monotonic()
+        if self._paused is None or self._paused[0] != plan_time:
+            self._paused = plan_time, now
+            how = "Enter goes on" if self._go_after is None else f"goes on in {self._go_after:g} s"
+            say(f"{plan_time:.2f} s: {self._words.get(plan_time, 'holding')}; {how}")
+        if self._go_after is not None:
+            return now - self._paused[1] >= self._go_after
+        return line() is not None
+
+
+def say(text: str, end: str = "\n") -> None:
+    """Says something to the person, beside what the command answers on stdout."""
+    print(text, end=end, file=sys.stderr, flush=True)
+
+
+def line() -> str | None:
+    """The line that was typed, if one was."""
+    return sys.stdin.readline().strip() if select.select([sys.stdin], [], [], 0)[0] else None
