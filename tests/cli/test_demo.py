@@ -5,7 +5,14 @@ import pytest
 from drake_hand import cli
 from drake_hand.cli import drives_execute, plans
 
-STEPS = [(plans, "plan"), (plans, "check"), (plans, "simulate"), (drives_execute, "execute"), (plans, "plot"), (plans, "plot")]
+STEPS = [
+    (plans, "plan"),
+    (plans, "check"),
+    (plans, "simulate"),
+    (drives_execute, "execute"),
+    (plans, "plot"),
+    (plans, "plot"),
+]
 
 
 @pytest.fixture
