@@ -21,7 +21,7 @@ COMMANDS = {
     "show": ("drake_hand.cli.plans:show", "Watch a plan in the browser."),
     "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
     "execute": ("drake_hand.cli.drives_execute:execute", "Play a plan on motor drives, real or simulated."),
-    "drives": ("drake_hand.cli.drives:app", "Scan, inspect, switch off and simulate drives."),
+    "drives": ("drake_hand.cli.drives:app", "Scan, inspect, switch off, move and simulate drives."),
     "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),
     "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
     "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),

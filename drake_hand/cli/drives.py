@@ -1,11 +1,11 @@
-"""Commands about motor drives: scan, status, off, simulate."""
+"""Commands about motor drives: scan, status, off, home, goto, simulate."""
 
 from __future__ import annotations
 
 import numpy as np
 from cyclopts import App
 
-from drake_hand.cli.drives_recover import off
+from drake_hand.cli.drives_recover import goto, home, off
 from drake_hand.cli.drives_simulate import simulate as serve_simulated
 from drake_hand.cli.output import print_json, print_table
 from drake_hand.epos import discovery
@@ -14,9 +14,10 @@ from drake_hand.epos.logbook import joints_where_known
 from drake_hand.epos.master import Master, for_all, open_bus
 from drake_hand.epos.objects import register_words
 
-app = App(name="drives", help="Scan, inspect, switch off and simulate drives.")
+app = App(name="drives", help="Scan, inspect, switch off, move and simulate drives.")
 app.command(serve_simulated, name="simulate")
-app.command(off)
+for _command in (off, home, goto):
+    app.command(_command)
 
 
 @app.command

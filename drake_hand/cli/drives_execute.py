@@ -13,6 +13,7 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.drives_person import Terminal, say
 from drake_hand.cli.drives_proof import prove
+from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
 from drake_hand.epos.drives import Drives
@@ -39,6 +40,8 @@ def execute(
     step: bool = False,
     pause: Literal["grasp"] | None = None,
     go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    from_here: bool = False,
+    open: bool = False,
     yes: bool = False,
     trust: bool = False,
     dry_run: bool = False,
@@ -72,6 +75,8 @@ def execute(
         step: hold at every switch, until Enter.
         pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
         go_after: seconds after which a pause ends by itself.
+        from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
+        open: with --from-here: also from where the fingers may hold the object, which falls.
         yes: give power without asking.
         trust: rely on the certificate in the file; for a computer without Drake.
         dry_run: say what would be played and how it loads the bus; open no bus, send nothing.
@@ -103,6 +108,19 @@ def execute(
             say("warning: the plan is not proved again; what is in the file is relied on")
         try:
             with progress_display(quiet=json or bool(words)) as progress:
+                if from_here:
+                    came = come(
+                        found.task.hand,
+                        played,
+                        bus,
+                        plan=plan,
+                        object_there=pause is None,
+                        open_=open,
+                        power=not (simulate or yes),
+                        progress=progress,
+                    )
+                    if not came.ok:
+                        return _print_run(came, json)
                 run = executor.execute(
                     found,
                     played,
@@ -119,11 +137,7 @@ def execute(
             refused = {"drives": len(played.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
             print_json({"ok": False, **refused})
             return e.exit_status
-    if json:
-        print_json(run.answer())
-    else:
-        _print_run(run)
-    return 0 if run.ok else 1
+    return _print_run(run, json)
 
 
 def _joints(plan: Plan, fingers: list[str]) -> list[str]:
@@ -222,8 +236,11 @@ def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
     return int(bool(remaining))
 
 
-def _print_run(run: executor.Run) -> None:
+def _print_run(run: executor.Run, json: bool) -> int:
     answer = run.answer()
+    if json:
+        print_json(answer)
+        return 0 if run.ok else 1
     for fault in answer["faults"]:
         stored = f"; stored: {', '.join(fault['history'])}" if fault["history"] else ""
         print(f"stopped at {fault['time_s']:.2f} s by {fault['text']}{stored}")
@@ -235,3 +252,4 @@ def _print_run(run: executor.Run) -> None:
     if answer["not_disabled"]:
         print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
     print(("played" if answer["ok"] else "not played to its end") + f"; {answer['drives']} drives")
+    return 0 if run.ok else 1

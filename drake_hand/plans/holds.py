@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_hand.errors import InputError
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 
 _SHORTEST_S = 0.01
+_LOOK_S, _NEAR = 0.02, np.radians(3.0)
 
 
 def hold_windows(plan: Plan) -> list[tuple[float, float]]:
@@ -42,3 +45,24 @@ def hold_windows(plan: Plan) -> list[tuple[float, float]]:
     if not windows:
         raise InputError("in this plan the fingers never hold the object", key="parts", expected="a part that holds it")
     return windows
+
+
+def may_hold(plan: Plan, joints: Sequence[str], q: np.ndarray) -> float | None:
+    """Plan time [s] at which a posture is one in which the plan's fingers touch the object; None if there is none.
+
+    Args:
+        plan: what was played.
+        joints: names of those known.
+        q: (n,) where they are, rad.
+    """
+    trajectory, columns = Trajectory(plan), [plan.joints.index(j) for j in joints]
+    touching = [np.arange(p.t[0], p.t[-1] + _LOOK_S, _LOOK_S) for p in plan.parts if p.contacts]
+    if not touching:
+        return None
+    t = np.concatenate(touching)
+    states = trajectory.at(t)
+    # pressing, a joint stands anywhere between where it should be and where it was commanded
+    low, high = np.minimum(states.q, states.q_command), np.maximum(states.q, states.q_command)
+    off = np.maximum(low[:, columns] - q, q - high[:, columns]).max(axis=1)
+    nearest = int(off.argmin())
+    return float(t[nearest]) if off[nearest] <= _NEAR else None
