@@ -1,4 +1,4 @@
-"""Commands about motor drives: scan, status, off, home, goto, simulate."""
+"""Commands about motor drives: scan, status, off, zero, home, goto, simulate."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from cyclopts import App
 
 from drake_hand.cli.drives_recover import goto, home, off
 from drake_hand.cli.drives_simulate import simulate as serve_simulated
+from drake_hand.cli.drives_zero import zero
 from drake_hand.cli.output import print_json, print_table
 from drake_hand.epos import discovery
 from drake_hand.epos.drives import Drives
@@ -16,7 +17,7 @@ from drake_hand.epos.objects import register_words
 
 app = App(name="drives", help="Scan, inspect, switch off, move and simulate drives.")
 app.command(serve_simulated, name="simulate")
-for _command in (off, home, goto):
+for _command in (off, zero, home, goto):
     app.command(_command)
 
 

@@ -42,6 +42,7 @@ def execute(
     go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
     from_here: bool = False,
     open: bool = False,
+    on_interrupt: Literal["hold", "off"] = "hold",
     yes: bool = False,
     trust: bool = False,
     dry_run: bool = False,
@@ -52,8 +53,9 @@ def execute(
 ) -> int:
     """Play a plan on motor drives, real or simulated.
 
-    The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C stops the hand; a second
-    Ctrl-C takes the power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
+    The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C halts a hand that holds
+    the object, and it goes on holding; the next one, or the first where it holds nothing, stops it; one more takes the
+    power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
     drive, 2 wrong input.
 
     ```console
@@ -77,6 +79,7 @@ def execute(
         go_after: seconds after which a pause ends by itself.
         from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
         open: with --from-here: also from where the fingers may hold the object, which falls.
+        on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
         yes: give power without asking.
         trust: rely on the certificate in the file; for a computer without Drake.
         dry_run: say what would be played and how it loads the bus; open no bus, send nothing.
@@ -128,9 +131,12 @@ def execute(
                     excerpt=excerpt,
                     problems=[] if trust else prove(plan),
                     person=person,
+                    hold=on_interrupt == "hold",
                     log=log,
                     progress=progress,
                 )
+                if run.wants_open:
+                    come(found.task.hand, played, bus, power=False, progress=progress)
         except preflight.Refused as e:
             if not json:
                 raise

@@ -6,8 +6,10 @@ import select
 import sys
 import time
 from collections.abc import Callable
+from typing import Literal
 
 from drake_hand.epos.person import Person
+from drake_hand.epos.player import HOLD_S
 from drake_hand.epos.schedule import Schedule
 from drake_hand.errors import InputError
 
@@ -33,6 +35,7 @@ class Terminal(Person):
         self._summary, self._power = summary, power
         self._words, self._go_after = words or {}, go_after
         self._paused: tuple[float, float] | None = None
+        self._held = False
 
     def agrees(self, schedule: Schedule) -> bool:
         """Says what is about to be played and waits for Enter; anything else declines.
@@ -58,6 +61,17 @@ class Terminal(Person):
         if self._go_after is not None:
             return now - self._paused[1] >= self._go_after
         return line() is not None
+
+    def decides(self) -> Literal["open", "off"] | None:
+        """Offers to hold on, open or switch off."""
+        if not self._held:
+            self._held = True
+            say(
+                f"halted; the hand holds, powered, for {HOLD_S:.0f} s at most. Type: open (off, then home; the object"
+                " falls), off (the object falls); Ctrl-C is off"
+            )
+        word = line()
+        return word if word in ("open", "off") else None  # type: ignore[return-value]
 
 
 def say(text: str, end: str = "\n") -> None:

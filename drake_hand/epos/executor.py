@@ -59,6 +59,8 @@ class Run:
     record: RunRecord
     start_skew: int
     """SYNCs between the first and the last drive that began to play."""
+    wants_open: bool = False
+    """Whether the person wants the hand, now off, to be opened."""
 
     @property
     def ok(self) -> bool:
@@ -100,12 +102,15 @@ def execute(
     excerpt: Excerpt = WHOLE,
     problems: Sequence[str] = (),
     person: Person = AGREES,
+    hold: bool = False,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
     """Checks everything, plays a plan, and leaves every drive disabled.
 
-    Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once.
+    Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once. Where
+    `hold`, Ctrl-C while the plan's fingers touch the object halts the hand first, which goes on holding: the person
+    decides, and the next Ctrl-C stops.
 
     Args:
         plan: certified.
@@ -113,7 +118,8 @@ def execute(
         bus: open; stays the caller's to shut down.
         excerpt: what of the plan is played.
         problems: what is known to be wrong already, one line each.
-        person: asked before any drive is enabled, and at every pause.
+        person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
+        hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
         progress: called a few times a second.
 
@@ -135,7 +141,7 @@ def execute(
             if found:
                 raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
-            run = _play(master, plan, schedule, str(bus.channel_info), person, progress, off)
+            run = _play(master, plan, schedule, str(bus.channel_info), person, hold, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
             release(master, off)
@@ -185,6 +191,7 @@ def _play(
     schedule: Schedule,
     bus_name: str,
     person: Person,
+    hold: bool,
     progress: Callable[[Progress], None],
     off: list[Drive],
 ) -> Run:
@@ -192,11 +199,12 @@ def _play(
     drives = schedule.drives
     player = Player(schedule, master.send)
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    with quiet_interpreter(), _signals(player):
+    wants_open = False
+    with quiet_interpreter(), _signals(player, _touching(plan) if hold else []):
         master.attach(player, schedule.period)
         failure: BaseException | None = None
         try:
-            _watch(player, person, progress)
+            wants_open = _watch(player, person, progress)
         except BaseException as e:
             failure = e
             player.request_stop("internal", f"{type(e).__name__}: {e}")
@@ -224,16 +232,22 @@ def _play(
         faults=faults,
         not_disabled=not_disabled,
     )
-    return Run(record=player.log.record(header), start_skew=player.start_skew)
+    return Run(record=player.log.record(header), start_skew=player.start_skew, wants_open=wants_open)
 
 
-def _watch(player: Player, person: Person, progress: Callable[[Progress], None]) -> None:
-    """Reports, and asks at pauses, until the run is over.
+def _touching(plan: Plan) -> list[tuple[float, float]]:
+    """From when to when fingers touch the object, part by part, s."""
+    return [(p.t[0], p.t[-1]) for p in plan.parts if p.contacts]
+
+
+def _watch(player: Player, person: Person, progress: Callable[[Progress], None]) -> bool:
+    """Reports, and asks at pauses and while the hand holds, until the run is over; whether it is to be opened then.
 
     Raises:
         DriveError: the bus thread hangs: no SYNC goes out any more.
     """
     syncs, stuck, end = -1, 0, float(player.schedule.plan_time[-1])
+    decision = None
     while not player.done.wait(PROGRESS_S):
         stuck = stuck + 1 if player.watch.sync == syncs else 0
         syncs = player.watch.sync
@@ -241,6 +255,8 @@ def _watch(player: Player, person: Person, progress: Callable[[Progress], None])
             raise DriveError("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
         if player.waiting is not None and person.goes_on(player.waiting):
             player.go_on()
+        if player.stage == "holding" and decision is None and (decision := person.decides()):
+            player.request_stop("interrupt", f"interrupted, then {decision}")
         when, tracking, late = player.log.latest()
         progress(
             Progress(
@@ -251,6 +267,7 @@ def _watch(player: Player, person: Person, progress: Callable[[Progress], None])
                 sync_late_ms=late,
             )
         )
+    return decision == "open"
 
 
 def _with_history(master: Master, fault: Fault) -> Fault:
@@ -265,15 +282,22 @@ def _with_history(master: Master, fault: Fault) -> Fault:
 
 
 @contextmanager
-def _signals(player: Player) -> Iterator[None]:
-    """Ctrl-C and SIGTERM become stops, while the main thread waits."""
+def _signals(player: Player, holding: Sequence[tuple[float, float]]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM become stops, while the main thread waits; the first Ctrl-C at a plan time to hold, a hold."""
+    interrupted = False
+
+    def handle(number: int, _: object) -> None:
+        nonlocal interrupted
+        now, first, interrupted = player.plan_time, not interrupted, True
+        if first and number == signal.SIGINT and any(a <= now <= b for a, b in holding):
+            player.request_hold()
+        else:
+            player.request_stop("interrupt", signal.Signals(number).name)
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {
-        s: signal.signal(s, lambda n, _: player.request_stop("interrupt", signal.Signals(n).name))
-        for s in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {s: signal.signal(s, handle) for s in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from drake_hand.epos.schedule import Schedule
 
 
@@ -15,6 +17,10 @@ class Person:
     def goes_on(self, plan_time: float) -> bool:
         """Whether a pause at a plan time [s] is over; asked a few times a second."""
         return True
+
+    def decides(self) -> Literal["open", "off"] | None:
+        """What to do with a hand that was halted and holds: power off, then home; or off; None holds on."""
+        return "off"
 
 
 AGREES = Person()

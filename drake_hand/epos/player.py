@@ -43,6 +43,8 @@ STARTED_BY = 4
 """Step by which every PVT drive has shown that it plays."""
 RECORDS_PER_SYNC = 2
 """While loading the queues: a third of the bus at 10 ms and 1 Mbit/s."""
+HOLD_S = 60.0
+"""How long a halted hand holds before it is stopped: motors that press get warm."""
 _STILL = 3
 _ERRORS_AT_MOST = 20
 
@@ -79,6 +81,7 @@ class Player:
         self.waiting: float | None = None
         """Plan time at which the motion holds until :meth:`go_on`; None while it does not."""
         self._go_on = threading.Event()
+        self._hold_asked = threading.Event()
         self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
         self._send = send
@@ -92,11 +95,20 @@ class Player:
         self._errors = 0
         self._now = 0.0
 
+    @property
+    def plan_time(self) -> float:
+        """Time in the plan at the last SYNC, s; negative before it."""
+        return float(self.schedule.plan_time[self.step]) if self.step >= 0 else -1.0
+
     # From other threads
 
     def request_stop(self, kind: str, text: str) -> None:
         """Stops the group at the next SYNC at the latest; the second request takes the power off at once."""
         self._requests.append((kind, text))
+
+    def request_hold(self) -> None:
+        """Halts at the next SYNC and holds, enabled, where that is; what is not in a motion or a pause is stopped."""
+        self._hold_asked.set()
 
     def go_on(self) -> None:
         """Ends a pause."""
@@ -115,6 +127,7 @@ class Player:
         self.log.close_row(self.axes)
         self._react(self.watch.period_ends(now))
         self._take_requests()
+        self._take_hold()
         if self._streams and late > self.schedule.period and self._moving:
             self._stop("late", f"SYNC {late * 1e3:.1f} ms late, more than a period")
         self._put(SYNC_COB, b"")
@@ -178,6 +191,25 @@ class Player:
                 self._cutting = True
                 self._command_at_once(Control.DISABLE_VOLTAGE, range(len(self.axes)))
                 self._course = self._disable()
+
+    def _take_hold(self) -> None:
+        if not self._hold_asked.is_set() or self._stopping:
+            return
+        self._hold_asked.clear()
+        if self.stage not in ("playing", "settling", "waiting"):
+            self._stop("interrupt", "interrupted")
+            return
+        if self._moving:
+            self.step = min(self.step + 1, self._stretch[1])  # whose targets were sent already
+        self._moving, self.waiting = False, None
+        self.watch.demand = None
+        # That an EPOS2 leaves its interpolated motion on the halt bit, on the profile's ramp, is inferred.
+        halt = Control.ENABLE | Control.HALT
+        queues = [i for i, a in enumerate(self.axes) if a.drive.type == "epos2"]
+        self._command_at_once(halt, queues)
+        for i in set(range(len(self.axes))) - set(queues):
+            self._command(i, Control.ENABLE)
+        self._course = self._hold()
 
     def _begin_stop(self) -> None:
         if self._stopping:
@@ -300,6 +332,18 @@ class Player:
         while not self._go_on.is_set():
             yield
         self.waiting = None
+
+    def _hold(self) -> Iterator[None]:
+        """At rest, powered, as long as somebody may want it."""
+        self.stage = "holding"
+        for _ in self._syncs(SETTLE_S):
+            yield
+            if all(a.still >= _STILL for a in self.axes):
+                break
+        self.watch.demand = [a.position for a in self.axes]
+        for _ in self._syncs(HOLD_S):
+            yield
+        raise _Stop("interrupt", f"held for {HOLD_S:.0f} s")
 
     def _settle(self) -> Iterator[None]:
         """Until every motor rests and no queue plays."""

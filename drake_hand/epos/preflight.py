@@ -89,4 +89,5 @@ def _look(master: Master, drives: Drives) -> tuple[list[str], list[discovery.Con
     """What is wrong on the bus; and how the drives that tell are, in the file's order."""
     problems, answering = discovery.mismatches(master, drives)
     conditions, silent = discovery.conditions(master, answering)
-    return problems + silent + discovery.not_ready(conditions), conditions
+    problems += silent + discovery.not_ready(conditions) + discovery.without_zero(conditions)
+    return problems, conditions

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import queue
 import threading
 import time
@@ -51,6 +52,7 @@ class SimulatedDrives:
         drives: which drives.
         q: (n,) joint positions at which the motors stand, rad, in the order of ``drives.joints``; at counts 0 if not
             given.
+        zeroed: whether somebody has found the zeros since power-on; otherwise the encoders count from where they are.
         log: file for the timeline (see `sim_timeline`).
         faults: scheduled faults.
         seed: of everything random.
@@ -66,6 +68,7 @@ class SimulatedDrives:
         drives: Drives,
         *,
         q: np.ndarray | None = None,
+        zeroed: bool = True,
         log: Path | None = None,
         faults: FaultsFile | None = None,
         seed: int = 0,
@@ -93,6 +96,8 @@ class SimulatedDrives:
             )
             for i, (d, position) in enumerate(zip(drives.drives, counts, strict=True))
         ]
+        self._zeroed = zeroed
+        self._build_stops()
         self._load_settings()
         self._frame_faults = [FrameFaults(r) for r in rng.spawn(len(self._simulated))]
         self._listeners: dict[int, list[int]] | None = None
@@ -117,7 +122,21 @@ class SimulatedDrives:
         self._now = t
         self._mark("boot")
         for drive in self._simulated:
+            motor = drive.axis.motor
+            place = motor.position - motor.origin
             drive.boot(t)
+            if self._zeroed:
+                drive.axis.count_from(place)
+                drive.axis.homed = True
+
+    def _build_stops(self) -> None:
+        """Gives every motor that moves one joint alone the stop of that joint."""
+        q = np.array([0.0 if d.stop is None else d.stop for d in self.drives.drives])
+        for i, drive in enumerate(self._simulated):
+            counts = self.drives.counts_from_joints(q)
+            if drive.drive.stop is not None and self.drives.alone(i):
+                up = drive.drive.stop_side * drive.drive.direction > 0
+                drive.axis.motor.stops = (-math.inf, float(counts[i])) if up else (float(counts[i]), math.inf)
 
     def stop(self) -> None:
         """Cuts their power: ends the thread, keeps the settings, closes the timeline; idempotent.
@@ -164,7 +183,8 @@ class SimulatedDrives:
     @property
     def q(self) -> np.ndarray:
         """(n,) where the joints really are, rad; for tests."""
-        return self.drives.joints_from_counts(np.array([s.axis.motor.position for s in self._simulated]))
+        motors = [s.axis.motor for s in self._simulated]
+        return self.drives.joints_from_counts(np.array([m.position - m.origin for m in motors]))
 
     # --- the thread
 

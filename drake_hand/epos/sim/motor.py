@@ -39,6 +39,10 @@ class Motor:
         """Fault: the axis does not move whatever the torque."""
         self.slip = 0.0
         """Fault: counts/s by which the motor runs away from its demand."""
+        self.origin = 0.0
+        """What the encoder shows where the joint's own scale has its zero."""
+        self.stops = (-math.inf, math.inf)
+        """Where the joint's mechanical stops are, counts on that scale."""
         self._turn = counts_per_turn
         self._limit = MAX_ACCELERATION_RAD_S2 * counts_per_turn / (2 * math.pi)
 
@@ -46,6 +50,11 @@ class Motor:
     def still(self) -> bool:
         """Whether it is at rest, to a count in a second."""
         return abs(self.velocity) < 1.0
+
+    def count_from(self, position: float) -> None:
+        """The encoder shows another position from now on; nothing moves."""
+        self.origin += position - self.position
+        self.position = position
 
     def step(self, demand: Demand, dt: float, powered: bool) -> None:
         """Advances by dt seconds."""
@@ -64,3 +73,6 @@ class Motor:
         else:
             self.velocity += acceleration * dt
             self.position += self.velocity * dt
+        low, high = (s + self.origin for s in self.stops)
+        if not low <= self.position <= high:
+            self.position, self.velocity = min(max(self.position, low), high), 0.0

@@ -39,6 +39,7 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     drives: str
     channel: str
     q: list[float] | None
+    zeroed: bool
     log: str | None
     faults: list[Fault]
     seed: int
@@ -70,6 +71,7 @@ def spawn_simulated_drives(
     drives: Drives,
     *,
     q: np.ndarray | None = None,
+    zeroed: bool = True,
     log: Path | None = None,
     faults: FaultsFile | None = None,
     seed: int = 0,
@@ -79,6 +81,7 @@ def spawn_simulated_drives(
     Args:
         drives: read from a file, which the child reads too.
         q: (n,) where the joints stand, rad (the plan's first way-point, so that it may start).
+        zeroed: whether their zeros are known.
         log: file for the timeline.
         faults: scheduled faults.
         seed: of everything random.
@@ -91,6 +94,7 @@ def spawn_simulated_drives(
         drives=str(drives.file),
         channel=channel,
         q=None if q is None else np.asarray(q, float).tolist(),
+        zeroed=zeroed,
         log=str(log) if log else None,
         faults=faults.faults if faults else [],
         seed=seed,
@@ -176,6 +180,7 @@ def _child() -> int:
                 bus,
                 drives,
                 q=None if setup.q is None else np.array(setup.q),
+                zeroed=setup.zeroed,
                 log=Path(setup.log) if setup.log else None,
                 faults=FaultsFile(faults=setup.faults),
                 seed=setup.seed,
