@@ -7,20 +7,23 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import can
+import msgspec
 import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from drake_hand.cli.drives_person import Terminal, say
+from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
 from drake_hand.cli.drives_proof import prove
 from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
+from drake_hand.epos.clock import OWN
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
 from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Excerpt, Schedule
-from drake_hand.epos.sim.process import spawn_simulated_drives
+from drake_hand.epos.sim.process import SpawnedDrives, spawn_simulated_drives
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
@@ -34,6 +37,7 @@ def execute(
     interface: str | None = None,
     channel: str | None = None,
     simulate: bool = False,
+    physics: bool = False,
     speed: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = 1.0,
     fingers: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     to_part: int | None = None,
@@ -60,6 +64,7 @@ def execute(
 
     ```console
     $ drake-hand execute spin.plan.json --drives kanguera --simulate
+    $ drake-hand execute spin.plan.json --drives kanguera --simulate --physics --pause grasp
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --fingers index --speed 0.2 --to-part 0
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --pause grasp --log today.run.npz
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --dry-run --frames | less
@@ -71,6 +76,8 @@ def execute(
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
         simulate: play on simulated drives in a child process, on a bus of their own.
+        physics: with --simulate: their motors move the hand in Drake's physics, the object free; slower than real time.
+            With --log, object pose and contact forces go into a .physics.npz beside it.
         speed: share of the planned speed.
         fingers: play only these; the drives of the others are left alone, where they are.
         to_part: end after this part, counted from 0 as `check` and `show` do.
@@ -91,6 +98,8 @@ def execute(
     found, hand = Plan.load(plan), Drives.load(drives)
     if simulate and (interface or channel):
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
+    if physics and not simulate:
+        raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
     played = hand.only(_joints(found, fingers)) if fingers else hand
@@ -98,7 +107,9 @@ def execute(
     if dry_run:
         return _dry_run(found, played, excerpt, frames, json)
     with ExitStack() as stack:
-        bus = _open(stack, found, hand, interface, channel, simulate)
+        physical = _physical(stack, plan, found, hand, log) if physics else None
+        spawned = physical.spawned if physical else None
+        bus = _open(stack, found, hand, interface, channel, simulate, spawned)
         if reset_faults:
             return _reset_faults(hand, bus, json)
         person = Terminal(
@@ -132,6 +143,7 @@ def execute(
                     problems=[] if trust else prove(plan),
                     person=person,
                     hold=on_interrupt == "hold",
+                    clock=physical.clock if physical else OWN,
                     log=log,
                     progress=progress,
                 )
@@ -143,7 +155,7 @@ def execute(
             refused = {"drives": len(played.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
             print_json({"ok": False, **refused})
             return e.exit_status
-    return _print_run(run, json)
+        return _print_run(run, json, physical.outcome() if physical else None)
 
 
 def _joints(plan: Plan, fingers: list[str]) -> list[str]:
@@ -184,16 +196,35 @@ def _summary(plan: Plan, schedule: Schedule, excerpt: Excerpt) -> str:
     return "; ".join(words)
 
 
+def _physical(stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Path | None) -> PhysicalHand:
+    """The hand in physics, standing where the plan starts.
+
+    Raises:
+        Refused: the plan does not fit the drives.
+    """
+    problems, unfit = preflight.plan_problems(plan, drives)
+    if unfit:
+        raise preflight.Refused(problems, wrong_input=True)
+    record = log.with_name(log.name.removesuffix(SUFFIX) + ".physics.npz") if log else None
+    return stack.enter_context(spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record))
+
+
 def _open(
-    stack: ExitStack, plan: Plan, drives: Drives, interface: str | None, channel: str | None, simulate: bool
+    stack: ExitStack,
+    plan: Plan,
+    drives: Drives,
+    interface: str | None,
+    channel: str | None,
+    simulate: bool,
+    spawned: SpawnedDrives | None,
 ) -> can.BusABC:
     """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
     if not simulate:
         return stack.enter_context(open_bus(drives.bus, interface, channel))
-    _, unfit = preflight.plan_problems(plan, drives)
-    schedule = None if unfit else Schedule.build(plan, drives)
-    q = None if schedule is None else schedule.q[0]
-    spawned = stack.enter_context(spawn_simulated_drives(drives, q=q))
+    if spawned is None:
+        _, unfit = preflight.plan_problems(plan, drives)
+        q = None if unfit else Schedule.build(plan, drives).q[0]
+        spawned = stack.enter_context(spawn_simulated_drives(drives, q=q))
     return stack.enter_context(open_bus(drives.bus, spawned.interface, spawned.channel))
 
 
@@ -242,11 +273,12 @@ def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
     return int(bool(remaining))
 
 
-def _print_run(run: executor.Run, json: bool) -> int:
+def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None) -> int:
     answer = run.answer()
+    ok = run.ok and not (outcome and outcome.dropped)
     if json:
-        print_json(answer)
-        return 0 if run.ok else 1
+        print_json(answer if outcome is None else answer | {"engine": "drake", "object": msgspec.to_builtins(outcome)})
+        return 0 if ok else 1
     for fault in answer["faults"]:
         stored = f"; stored: {', '.join(fault['history'])}" if fault["history"] else ""
         print(f"stopped at {fault['time_s']:.2f} s by {fault['text']}{stored}")
@@ -258,4 +290,10 @@ def _print_run(run: executor.Run, json: bool) -> int:
     if answer["not_disabled"]:
         print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
     print(("played" if answer["ok"] else "not played to its end") + f"; {answer['drives']} drives")
-    return 0 if run.ok else 1
+    if outcome:
+        print(
+            f"the object: {'DROPPED' if outcome.dropped else 'in the hand'} at {outcome.at_s:.2f} s, off the plan by"
+            f" {outcome.position_error_mm:.2f} mm, tilt {outcome.tilt_error_deg:.2f} deg, turn"
+            f" {outcome.rotation_error_deg:.2f} deg; {outcome.slowed:.1f} x slower than real time"
+        )
+    return 0 if ok else 1

@@ -17,6 +17,7 @@ import numpy as np
 
 from drake_hand import __version__
 from drake_hand.epos import discovery
+from drake_hand.epos.clock import OWN, Clock
 from drake_hand.epos.configure import configure, release
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
@@ -31,8 +32,6 @@ from drake_hand.errors import DriveError
 from drake_hand.plans.plan import Plan
 
 PROGRESS_S = 0.2
-HANGS_S = 1.0
-"""Time without a SYNC after which the interface is given up."""
 STOP_WITHIN_S = 5.0
 """Time the bus thread is given for a stop, before the main thread disables the drives by SDO."""
 _BEATS = 4
@@ -103,6 +102,7 @@ def execute(
     problems: Sequence[str] = (),
     person: Person = AGREES,
     hold: bool = False,
+    clock: Clock = OWN,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
@@ -119,6 +119,7 @@ def execute(
         excerpt: what of the plan is played.
         problems: what is known to be wrong already, one line each.
         person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
+        clock: of the bus, where simulated drives share one.
         hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
         progress: called a few times a second.
@@ -126,7 +127,7 @@ def execute(
     Raises:
         Refused: something is not as it has to be, or the person does not agree; no drive was enabled.
     """
-    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
+    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3, clock=clock) as master:
         progress(Progress(stage="looking for drives"))
         schedule = check(master, plan, drives, excerpt, problems)
         if not person.agrees(schedule):
@@ -169,7 +170,7 @@ def reset_faults(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]
 
 def _operational(master: Master, drives: Drives) -> list[str]:
     """Starts the nodes and waits until each is heard to be operational; those that are not."""
-    since = time.monotonic()
+    since = master.clock.now()
     master.nmt(NMT_OPERATIONAL)
 
     def quiet() -> list[str]:
@@ -180,7 +181,7 @@ def _operational(master: Master, drives: Drives) -> list[str]:
         ]
 
     end = since + _BEATS * drives.bus.heartbeat_ms * 1e-3
-    while quiet() and time.monotonic() < end:
+    while quiet() and master.clock.now() < end:
         time.sleep(0.01)
     return quiet()
 
@@ -197,14 +198,14 @@ def _play(
 ) -> Run:
     """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
     drives = schedule.drives
-    player = Player(schedule, master.send)
+    player = Player(schedule, master.send, master.clock.tell)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     wants_open = False
     with quiet_interpreter(), _signals(player, _touching(plan) if hold else []):
         master.attach(player, schedule.period)
         failure: BaseException | None = None
         try:
-            wants_open = _watch(player, person, progress)
+            wants_open = _watch(player, person, progress, master.clock.hangs_s)
         except BaseException as e:
             failure = e
             player.request_stop("internal", f"{type(e).__name__}: {e}")
@@ -240,7 +241,7 @@ def _touching(plan: Plan) -> list[tuple[float, float]]:
     return [(p.t[0], p.t[-1]) for p in plan.parts if p.contacts]
 
 
-def _watch(player: Player, person: Person, progress: Callable[[Progress], None]) -> bool:
+def _watch(player: Player, person: Person, progress: Callable[[Progress], None], hangs_s: float) -> bool:
     """Reports, and asks at pauses and while the hand holds, until the run is over; whether it is to be opened then.
 
     Raises:
@@ -251,7 +252,7 @@ def _watch(player: Player, person: Person, progress: Callable[[Progress], None])
     while not player.done.wait(PROGRESS_S):
         stuck = stuck + 1 if player.watch.sync == syncs else 0
         syncs = player.watch.sync
-        if stuck * PROGRESS_S > HANGS_S:
+        if stuck * PROGRESS_S > hangs_s:
             raise DriveError("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
         if player.waiting is not None and person.goes_on(player.waiting):
             player.go_on()

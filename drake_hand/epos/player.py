@@ -62,9 +62,15 @@ class Player:
     Args:
         schedule: the motion.
         send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
+        tell: told the plan time of each SYNC once the motion has begun.
     """
 
-    def __init__(self, schedule: Schedule, send: Callable[[int, bytes], None]) -> None:
+    def __init__(
+        self,
+        schedule: Schedule,
+        send: Callable[[int, bytes], None],
+        tell: Callable[[float], None] = lambda _: None,
+    ) -> None:
         self.schedule = schedule
         self.watch = Watch(schedule.drives)
         self.axes = self.watch.axes
@@ -84,7 +90,7 @@ class Player:
         self._hold_asked = threading.Event()
         self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
-        self._send = send
+        self._send, self._tell = send, tell
         self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
         self._course: Iterator[None] = self._play()
         self._requests: deque[tuple[str, str]] = deque()
@@ -130,6 +136,8 @@ class Player:
         self._take_hold()
         if self._streams and late > self.schedule.period and self._moving:
             self._stop("late", f"SYNC {late * 1e3:.1f} ms late, more than a period")
+        if self.step >= 0:
+            self._tell(self.plan_time)
         self._put(SYNC_COB, b"")
         self.watch.sync += 1
         if self._moving:

@@ -16,6 +16,7 @@ from swing import swing
 
 from drake_hand.epos import executor, master, player
 from drake_hand.epos import objects as od
+from drake_hand.epos.clock import OwnClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute, reset_faults
 from drake_hand.epos.person import Person
@@ -306,7 +307,7 @@ def test_drives_that_are_not_read_back_go_on_watching_the_master(virtual, monkey
 
 
 def test_an_interface_that_hangs_is_given_up_and_every_drive_is_named(virtual, monkeypatch):
-    monkeypatch.setattr(executor, "HANGS_S", 0.5)
+    monkeypatch.setattr(OwnClock, "hangs_s", 0.5)
     monkeypatch.setattr(executor, "STOP_WITHIN_S", 0.1)
     monkeypatch.setattr(master, "_CLOSE_S", 0.1)
     drives = drives_20ms("epos2")

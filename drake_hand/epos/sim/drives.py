@@ -27,6 +27,7 @@ from drake_hand.epos.sim import faults as fault_table
 from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drive import SimulatedDrive
 from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, Schedule
+from drake_hand.epos.sim.motor import Motor
 from drake_hand.epos.sim.timeline import Timeline
 from drake_hand.epos.state import State
 from drake_hand.errors import InputError
@@ -176,6 +177,11 @@ class SimulatedDrives:
         self._commands.put(fault)
 
     @property
+    def motors(self) -> list[Motor]:
+        """The moving parts, in the order of the drives."""
+        return [s.axis.motor for s in self._simulated]
+
+    @property
     def states(self) -> dict[str, State]:
         """State of each drive by joint; for tests."""
         return {s.drive.joint: s.machine.state for s in self._simulated}
@@ -204,6 +210,14 @@ class SimulatedDrives:
         self._catch_up(t)
         if message and not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
             self._dispatch(message.arbitration_id, bytes(message.data), t)
+
+    def pass_time(self, t: float) -> None:
+        """Lets bus time reach t [s], however little that is."""
+        self._catch_up(t)
+        if t > self._now:
+            self._pass_time(t)
+        if t - self._last_row >= self._row_s:
+            self._record(synced=False)
 
     def _catch_up(self, t: float) -> None:
         """Does what was due until t: delayed frames, ticks, commands."""
