@@ -54,7 +54,8 @@ def check(master: Master, plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE, 
     measured = np.array([c.position for c in conditions]) if len(conditions) == len(drives.drives) else None
     schedule = _schedule(plan, drives, measured, excerpt)
     if schedule is not None and measured is not None:
-        problems += schedule.far_from_start(measured)
+        if not discovery.without_zero(conditions):  # otherwise nobody knows where the joints are
+            problems += schedule.far_from_start(measured)
         problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
     if problems or schedule is None:
         disabled = measured is not None and not any(c.state.powered for c in conditions)

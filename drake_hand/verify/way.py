@@ -14,6 +14,8 @@ from drake_hand.verify.joints import check_joints
 from drake_hand.verify.observe import NEAR, sample_times
 
 GOAL_DEG = 0.1
+_ROUNDED = 1e-9
+"""What the decimals of a plan leave of an angle, rad."""
 
 
 def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -> Certificate:
@@ -29,7 +31,8 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
         goal: (nq,) where it should get.
     """
     hand = scene.hand
-    wider = replace(hand, q_lower=np.minimum(hand.q_lower, start), q_upper=np.maximum(hand.q_upper, start))
+    lower, upper = np.minimum(hand.q_lower, start - _ROUNDED), np.maximum(hand.q_upper, start + _ROUNDED)
+    wider = replace(hand, q_lower=lower, q_upper=upper)
     trajectory, findings = Trajectory(plan), Findings()
     check_joints(trajectory, wider, findings)
     for name, q, t in (("start_deg", start, 0.0), ("goal_deg", goal, plan.duration)):

@@ -53,6 +53,10 @@ def test_a_way_is_proved_by_code_of_its_own(trajectory):
     scene = Scene(HAND, Object.load("sphere"))
     assert certify_way(found, scene, start, HAND.q_home).certified
 
+    beyond = HAND.q_home.copy()
+    beyond[1] = HAND.q_lower[1] - 0.003  # two counts, on the way back
+    assert certify_way(way("kanguera", HAND.joints, beyond), scene, beyond, HAND.q_home).certified
+
     def failures(plan, q=start, goal=HAND.q_home):
         return " ".join(certify_way(plan, scene, q, goal).failures)
 

@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from fault_table import drives_of
@@ -33,10 +34,15 @@ def off(sim):
 
 
 def test_without_a_zero_nothing_is_played(virtual):
+    """And nothing is said about where the joints are."""
+    away = swing(KANGUERA.joints, 0.5)
+    part = msgspec.structs.replace(away.parts[0], q=(np.array(away.parts[0].q) + 0.3).tolist())
+    away = msgspec.structs.replace(away, parts=[part])
+    away = msgspec.structs.replace(away, certificate=msgspec.structs.replace(away.certificate, plan_hash=away.hash))
     with virtual(KANGUERA, q=np.full(15, 0.2), zeroed=False) as (bus, sim):
         assert shown(sim) == pytest.approx(np.zeros(15))
         with pytest.raises(Refused) as e:
-            execute(swing(KANGUERA.joints, 0.5), KANGUERA, bus)
+            execute(away, KANGUERA, bus)
         assert len(e.value.problems) == 15
         assert all("its zero is not known" in p for p in e.value.problems)
         assert off(sim)
