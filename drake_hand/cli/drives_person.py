@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 import time
@@ -36,6 +37,7 @@ class Terminal(Person):
         self._words, self._go_after = words or {}, go_after
         self._paused: tuple[float, float] | None = None
         self._held = False
+        self._typed = ""
 
     def agrees(self, schedule: Schedule) -> bool:
         """Says what is about to be played and waits for Enter; anything else declines.
@@ -60,7 +62,7 @@ class Terminal(Person):
             say(f"{plan_time:.2f} s: {self._words.get(plan_time, 'holding')}; {how}")
         if self._go_after is not None:
             return now - self._paused[1] >= self._go_after
-        return line() is not None
+        return self._line() is not None
 
     def decides(self) -> Literal["open", "off"] | None:
         """Offers to hold on, open or switch off."""
@@ -70,15 +72,21 @@ class Terminal(Person):
                 f"halted; the hand holds, powered, for {HOLD_S:.0f} s at most. Type: open (off, then home; the object"
                 " falls), off (the object falls); Ctrl-C is off"
             )
-        word = line()
+        word = self._line()
         return word if word in ("open", "off") else None  # type: ignore[return-value]
+
+    def _line(self) -> str | None:
+        """The next line that was typed, if one was; none ever comes where nobody can type."""
+        if sys.stdin is not None and select.select([sys.stdin], [], [], 0)[0]:
+            # past Python's buffer, in which a line would wait unseen
+            self._typed += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
+        text, end, rest = self._typed.partition("\n")
+        if not end:
+            return None
+        self._typed = rest
+        return text.strip()
 
 
 def say(text: str, end: str = "\n") -> None:
     """Says something to the person, beside what the command answers on stdout."""
     print(text, end=end, file=sys.stderr, flush=True)
-
-
-def line() -> str | None:
-    """The line that was typed, if one was."""
-    return sys.stdin.readline().strip() if select.select([sys.stdin], [], [], 0)[0] else None
