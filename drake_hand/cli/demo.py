@@ -22,7 +22,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     Args:
         output: the folder to write to.
     """
-    from drake_hand.cli import drives
+    from drake_hand.cli import drives_execute
 
     output.mkdir(exist_ok=True)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
@@ -31,7 +31,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
         "Prove it again, from its file alone": lambda: plans.check(file),
         "Replay it in physics": lambda: simulate(file, html=physics),
-        "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
+        "Play it on simulated drives": lambda: drives_execute.execute(file, drives="kanguera", simulate=True, log=run),
         "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
         "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
     }

@@ -13,7 +13,7 @@ from drake_hand.feedback.sight import unseen_turns
 from drake_hand.feedback.tube import Tube
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.plans.hold import hold_windows
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 

@@ -15,7 +15,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.mujoco_model import OBJECT, STEP, build
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.replay import commands
-from drake_hand.plans.hold import hold_windows
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 

@@ -17,7 +17,7 @@ from drake_hand.physics.engine import Engine, EngineName, Perturbation
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.run import Record, Run, judge
 from drake_hand.physics.simulation import ContactKind, Physics
-from drake_hand.plans.hold import hold_windows
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models

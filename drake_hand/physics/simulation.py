@@ -128,7 +128,7 @@ class Physics:
             g: i for i, tip_body in enumerate(self._tips) for g in plant.GetCollisionGeometriesForBody(tip_body)
         }
         self._surface = set(plant.GetCollisionGeometriesForBody(self._object))
-        source = builder.AddSystem(TrajectorySource(commands, 1))
+        self._source = source = builder.AddSystem(TrajectorySource(commands, 1))
         self._correction = builder.AddSystem(ConstantVectorSource(np.zeros(2 * hand.nq)))
         told = builder.AddSystem(Adder(2, 2 * hand.nq))
         to_servos = builder.AddSystem(MatrixGain(_servo_order(plant, added.hand, hand)))
@@ -143,6 +143,7 @@ class Physics:
         root.SetTime(commands.start_time())
         self._context = plant.GetMyMutableContextFromRoot(root)
         self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
+        self._rates = np.array([plant.GetJointByName(n).velocity_start() for n in hand.joints])
         self._set_hand(commands.value(commands.start_time())[:, 0])
         plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
         (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
@@ -155,6 +156,21 @@ class Physics:
     def take_back(self) -> None:
         """Has the fixture hold the object again, where it is."""
         self._fixture.Lock(self._context)
+
+    def command(self, q: np.ndarray, v: np.ndarray) -> None:
+        """From now on the servos are told q (nq,), going on with v (nq,), instead of what was told before."""
+        t = self.time
+        self._source.UpdateTrajectory(PiecewisePolynomial.FirstOrderHold([t, t + 1.0], np.stack([q, q + v], axis=1)))
+
+    @property
+    def time(self) -> float:
+        """Of the simulation, s."""
+        return self._simulator.get_context().get_time()
+
+    @property
+    def v(self) -> np.ndarray:
+        """(nq,) joint speeds now, rad/s."""
+        return self.plant.GetVelocities(self._context)[self._rates]
 
     def advance(self, t: float) -> None:
         """Simulates up to time t, s."""

@@ -3,9 +3,16 @@
 import pytest
 
 from drake_hand import cli
-from drake_hand.cli import demo, drives, plans
+from drake_hand.cli import demo, drives_execute, plans
 
-STEPS = [(plans, "plan"), (plans, "check"), (demo, "simulate"), (drives, "execute"), (plans, "plot"), (plans, "plot")]
+STEPS = [
+    (plans, "plan"),
+    (plans, "check"),
+    (demo, "simulate"),
+    (drives_execute, "execute"),
+    (plans, "plot"),
+    (plans, "plot"),
+]
 
 
 @pytest.fixture

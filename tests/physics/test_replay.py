@@ -11,7 +11,7 @@ from drake_hand.errors import InputError
 from drake_hand.physics.engine import Perturbation
 from drake_hand.physics.replay import commands, replay
 from drake_hand.physics.runs import simulate
-from drake_hand.plans.hold import hold_windows
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Certificate, Part, Plan
 from drake_hand.plans.trajectory import Trajectory
 from tests.verify.held import END, RAMP, held_plan
