@@ -1,18 +1,25 @@
-"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them."""
+"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them.
+
+Where the palm faces and where fingers meet is found from the hand, whatever its frame (`model.closing`).
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from drake_hand.planning.collision import Clearance
+from drake_hand.contact.surface import Surface
+from drake_hand.model.fingertip import body_shapes
+from drake_hand.model.hand import Hand
+from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.object_path import as_pose
-from drake_hand.plans.task import Task
+from drake_hand.plans.task import Task, Vector
 
 DRAWN = 1500
 """Poses drawn before the first, coarse choice."""
@@ -22,10 +29,17 @@ _HALF_BREADTH = 0.05
 """Of the part of a long object that lies across the fingers, m."""
 _SIDES = 0.3
 """Share of the object's sides that a finger has to reach to be of use."""
+_POSTURES = 3000
+"""Random postures of each finger."""
 _NEAR = 4.0e-3
-"""A contact this near one of many random postures of a finger counts as reached, m."""
-PALMS = ((-9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0))
-"""Gravity in W for the palm up, the thumb up, the fingers up and the palm down, m/s^2."""
+"""A contact this near one of them counts as reached, m."""
+_FROM_OUTSIDE, _PAD = 0.25, 0.5
+"""Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
+_OPPOSITE = -0.7
+"""Largest cosine between normals that two fingers press on from opposite sides."""
+_JITTER = 0.015
+"""m; how far from where fingertips meet an object's middle may be."""
+_GRAVITY = 9.81
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
@@ -35,12 +49,13 @@ def variants(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iter
 
     Where both start and palm are free the palms take turns.
     """
-    palms = [task.physics.gravity]
-    if palms == ["auto"]:
-        palms = list(PALMS) if task.options.hold == "equilibrium" else [(0.0, 0.0, -9.81)]
+    gravity = task.physics.gravity
+    ways = [gravity] if gravity != "auto" else palms(clearance.hand)
+    if task.options.hold != "equilibrium":
+        ways = ways[:1]
     starts = [as_pose(X) for X in poses(task, clearance, rng)] if task.start == "auto" else [task.start]
     few = len(starts) == 1
-    for start, palm in itertools.product(starts, palms) if few else zip(starts, itertools.cycle(palms), strict=False):
+    for start, palm in itertools.product(starts, ways) if few else zip(starts, itertools.cycle(ways), strict=False):
         physics = msgspec.structs.replace(task.physics, gravity=palm)
         yield msgspec.structs.replace(task, start=start, physics=physics)
 
@@ -48,9 +63,10 @@ def variants(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iter
 def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """Poses X_WO (4, 4) the most promising first: where most fingers reach several sides of the object, and much of it.
 
-    The object's long axis lies along the line of the finger bases, as a pencil lies across the fingers, give or take
-    30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through its own
-    origin and the object is symmetric about its long axis, half of the poses align the two.
+    Its middle is near where fingertips meet, clear of the palm. Its long axis lies along the line of the finger bases,
+    as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the
+    object about an axis of W through its own origin and the object is symmetric about its long axis, half of the poses
+    align the two.
 
     Args:
         task: what is asked.
@@ -58,45 +74,101 @@ def poses(task: Task, clearance: Clearance, rng: np.random.Generator) -> Iterato
         rng: for sampling.
     """
     surface = clearance.surface
-    tips = [
-        kin.fk(kin.lower + rng.random((3000, len(kin.lower))) * (kin.upper - kin.lower))[0]
-        for kin in clearance.kinematics
-    ]
-    trees = [cKDTree(t) for t in tips]
-    everything = np.concatenate(tips)
-    low, high = np.percentile(everything, [5, 95], axis=0)
-    axis = _base_line(clearance)
+    fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
+    middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
     given = None
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-    samples, normals = surface.sample(8e-3)
-    near = np.abs((samples - surface.centre) @ surface.long_axis) < _HALF_BREADTH
-    samples, normals = samples[near], normals[near]
+    everywhere, outward = surface.sample(8e-3)
+    near = np.abs((everywhere - surface.centre) @ surface.long_axis) < _HALF_BREADTH
+    samples, normals = everywhere[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
+    units = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    opposite = units @ units.T < _OPPOSITE
     found = []
     for k in range(DRAWN):
-        along = given if given is not None and k % 2 == 0 else _lean(axis, rng)
+        along = given if given is not None and k % 2 == 0 else _lean(_across(clearance.hand, rng), rng)
         X = np.eye(4)
         about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
         X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
-        X[:3, 3] = rng.uniform(low, high) - X[:3, :3] @ surface.centre
-        C_W = [(samples + f.radius * normals) @ X[:3, :3].T + X[:3, 3] for f in clearance.hand.fingers]
-        reached = [tree.query(C)[0] < _NEAR for tree, C in zip(trees, C_W, strict=True)]
-        able = [len(np.unique(side[r])) >= _SIDES * len(sides) for r in reached]
-        found.append((sum(able) + sum(float(r.mean()) for r in reached), X))
-    order = sorted(range(len(found)), key=lambda k: -found[k][0])
-    for k in order[:RATED]:
-        yield found[k][1]
+        middle = middles[rng.integers(len(middles))] + _JITTER * rng.normal(size=3)
+        X[:3, 3] = middle - X[:3, :3] @ surface.centre
+        reached = [f.reaches(samples, normals, X) for f in fingers]
+        of_side = np.stack([np.bincount(side, r, len(sides)) > 0 for r in reached])
+        able = of_side.sum(axis=1) >= _SIDES * len(sides)
+        held = any(
+            (opposite & a[:, None] & b[None]).any() for a, b in itertools.combinations(of_side[of_side.any(axis=1)], 2)
+        )
+        found.append((held + sum(able) + sum(float(r.mean()) for r in reached), X))
+    palm = Surface(tuple(g for _, _, g in body_shapes(clearance.hand.urdf, clearance.hand.palm, clearance.hand.held)))
+    order = iter(sorted(range(len(found)), key=lambda k: -found[k][0]))
+    clear = (found[k][1] for k in order if _clear(palm, everywhere @ found[k][1][:3, :3].T + found[k][1][:3, 3]))
+    yield from itertools.islice(clear, RATED)
 
 
-def _base_line(clearance: Clearance) -> np.ndarray:
-    """(3,) unit direction of the row of finger bases; the base farthest from the rest, the thumb's, does not count."""
-    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in clearance.hand.fingers])
-    if len(bases) > 3:
-        apart = np.linalg.norm(bases[:, None] - bases[None], axis=2).sum(axis=1)
-        bases = np.delete(bases, int(apart.argmax()), axis=0)
-    return np.linalg.svd(bases - bases.mean(axis=0))[2][0]
+def palms(hand: Hand) -> list[Vector]:
+    """Gravity in W, m/s^2, for the palm up, the thumb's side up, the fingers up and the palm down; no two alike."""
+    c = hand.closing
+    out: list[Vector] = []
+    for up in (c.palm, c.side, c.fingers, -c.palm):
+        x, y, z = (float(v) + 0.0 for v in np.round(-_GRAVITY * up, 6))
+        if all(np.dot(g, (x, y, z)) < 0.9 * _GRAVITY**2 for g in out):
+            out.append((x, y, z))
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Finger:
+    """Random postures of one finger: where its tip is, and which way it points."""
+
+    tree: cKDTree
+    end: np.ndarray
+    """(N, 3) along the fingertip, in W."""
+    pad: np.ndarray
+    """(N, 3) out of its pad, in W."""
+    radius: float
+
+    @classmethod
+    def of(cls, clearance: Clearance, i: int, rng: np.random.Generator) -> _Finger:
+        kin, closing = clearance.kinematics[i], clearance.hand.closing
+        p, R = kin.fk(kin.lower + rng.random((_POSTURES, len(kin.lower))) * (kin.upper - kin.lower))
+        return cls(
+            tree=cKDTree(p), end=R @ closing.ends[i], pad=R @ closing.pads[i], radius=clearance.hand.fingers[i].radius
+        )
+
+    def reaches(self, p_O: np.ndarray, n_O: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
+        """(M,) which contacts at p_O (M, 3) with outward normals n_O (M, 3) it reaches from outside."""
+        n = n_O @ X_WO[:3, :3].T
+        d, rows = self.tree.query(p_O @ X_WO[:3, :3].T + X_WO[:3, 3] + self.radius * n, distance_upper_bound=_NEAR)
+        out = np.isfinite(d)
+        rows = rows[out]
+        out[out] = (np.einsum("ni,ni->n", self.end[rows], n[out]) < _FROM_OUTSIDE) & (
+            np.einsum("ni,ni->n", self.pad[rows], n[out]) < _PAD
+        )
+        return out
+
+
+def _meeting(trees: list[cKDTree], half: float) -> np.ndarray:
+    """(N, 3) places, all alike in W, that most fingertips come near: by half of an object's breadth and a bit, m."""
+    everything = np.concatenate([tree.data for tree in trees])
+    count = np.sum([tree.query(everything)[0] < half + _JITTER for tree in trees], axis=0)
+    return everything[count >= max(2, count.max() - 1)] if count.max() > 1 else everything
+
+
+def _clear(palm: Surface, p_W: np.ndarray) -> bool:
+    """Whether points (N, 3) of an object are clear of the palm."""
+    return not palm.geometries or bool(palm.closest(p_W)[2].min() >= CLEARANCE)
+
+
+def _across(hand: Hand, rng: np.random.Generator) -> np.ndarray:
+    """(3,) unit direction of the row of finger bases, the thumb's apart; any across the palm where there is no row."""
+    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in hand.fingers if f.index != hand.closing.thumb])
+    _, spread, directions = np.linalg.svd(bases - bases.mean(axis=0))
+    if spread[0] > 2 * spread[min(1, len(spread) - 1)] + _NEAR:
+        return directions[0]
+    turn = Rotation.from_rotvec(hand.palm_direction * rng.uniform(0, np.pi))
+    return turn.apply(hand.closing.side)
 
 
 def _lean(axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
