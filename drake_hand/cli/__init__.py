@@ -21,6 +21,7 @@ COMMANDS = {
     "simulate": ("drake_hand.cli.simulate:simulate", "Replay a plan in physics."),
     "show": ("drake_hand.cli.plans:show", "Watch a plan in the browser."),
     "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
+    "export": ("drake_hand.cli.export:export", "Write a plan for another player: CSV, npz, ROS 2."),
     "execute": ("drake_hand.cli.drives_execute:execute", "Play a plan on motor drives, real or simulated."),
     "drives": ("drake_hand.cli.drives:app", "Scan, inspect, switch off, move and simulate drives."),
     "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),

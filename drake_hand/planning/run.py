@@ -139,7 +139,7 @@ class Run:
         first, *rest = self.task.motion
         with self.stage("start"):
             rng = np.random.default_rng(self.task.options.seed)
-            tasks = start.variants(self.task, self.clearance, self.world, self.grid, rng)
+            tasks = start.variants(self.task, self.clearance, self.world, rng)
         if first.grasp and not any(isinstance(t.start, Pose) and t.start.joints_deg for t in tasks):
             moving = moving_steps(rest)
             for task, builder in self._grasped(tasks, first.grasp, moving):
