@@ -22,6 +22,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         output: the folder to write to.
     """
     from drake_hand.cli import drives
+    from drake_hand.cli.plot import plot
 
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     page, physics = output / "spin.html", output / "spin-physics.html"
@@ -30,8 +31,8 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         "Prove it again, from its file alone": lambda: plans.check(file),
         "Replay it in physics": lambda: plans.simulate(file, html=physics),
         "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
-        "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
-        "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
+        "Draw the plan": lambda: plot(file, output=output / "figures"),
+        "Draw the run": lambda: plot(run, output=output / "figures" / "run"),
     }
     for number, (title, step) in enumerate(steps.items(), start=1):
         print(f"\n[{number}/{len(steps)}] {title}\n", flush=True)

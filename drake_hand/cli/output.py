@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -86,6 +87,17 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
             display.update(bar, description=stage, completed=fraction, detail=detail)
 
         yield update
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Adds the file to errors that know what is wrong, but not where it was read."""
+    try:
+        yield
+    except InputError as e:
+        if e.file is not None:
+            raise
+        raise InputError(e.message, file=file, key=e.key, found=e.found, expected=e.expected) from e
 
 
 def _brief(value: object) -> str:

@@ -1,10 +1,8 @@
-"""Commands about plans: plan, check, simulate, show, plot."""
+"""Commands about plans: plan, check, simulate."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -12,10 +10,11 @@ import msgspec
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
+from drake_hand.cli.output import error_answer, naming, print_json, print_table, progress_display
+from drake_hand.cli.verdict import print_certificate, print_parts
 from drake_hand.errors import InputError
 from drake_hand.files import resolve, write_atomic
-from drake_hand.plans.plan import Certificate, Plan, Worst
+from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX
 
 
@@ -51,7 +50,7 @@ def plan(
     output = output or Path(Path(task).name.removesuffix(SUFFIX) + ".plan.json")
     if output.suffix != ".json":
         raise InputError("plan files end in .json", key="--output", found=output, expected=output.with_suffix(".json"))
-    with _naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
+    with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
         result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
     found = result.plan
     page = api.show(found) if html else None
@@ -71,9 +70,9 @@ def plan(
             }
         )
         return 0
-    _print_parts(found)
+    print_parts(found)
     if found.certificate:
-        _print_certificate(found.certificate)
+        print_certificate(found.certificate)
     stages = ", ".join(f"{name} {s:.2f} s" for name, s in result.stages_s.items())
     print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
     print(f"planned in {result.plan_s:.2f} s ({stages})")
@@ -97,7 +96,7 @@ def check(file: Path, /, *, json: bool = False) -> int:
     from drake_hand import api
 
     subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
+    with naming(file), progress_display(quiet=json) as progress:
         certificate = api.check(subject, progress=progress)
     edited = _edited(subject, file)
     certified = certificate.certified and edited is None
@@ -105,7 +104,7 @@ def check(file: Path, /, *, json: bool = False) -> int:
         answer = msgspec.to_builtins(certificate) | {"certified": certified}
         print_json(answer | (error_answer(edited) if edited else {}))
     else:
-        _print_certificate(certificate)
+        print_certificate(certificate)
         print("certified" if certified else "NOT certified")
     if edited:
         print(f"drake-hand: {edited}", file=sys.stderr)
@@ -144,7 +143,7 @@ def simulate(
     from drake_hand.view.replay import render_replay
 
     subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
+    with naming(file), progress_display(quiet=json) as progress:
         pages: list[str] = []
         watch = (lambda run, record: pages.append(render_replay(subject, run, record))) if html else None
         result = replay(subject, runs=runs, seed=seed, watch=watch, progress=progress)
@@ -171,67 +170,6 @@ def simulate(
     return 1 if result.dropped else 0
 
 
-def show(file: Path, /, *, html: Path | None = None) -> None:
-    """Watch a plan in the browser: play, pause, scrub, the mode and its timeline beside the hand.
-
-    ```console
-    $ drake-hand show spin.plan.json
-    $ drake-hand show spin.plan.json --html spin.html
-    ```
-
-    Args:
-        file: the plan file.
-        html: write a standalone page there instead of serving it.
-    """
-    from drake_hand import api
-    from drake_hand.view.show import serve
-
-    with _naming(file):
-        page = api.show(Plan.load(file))
-    if html:
-        write_atomic(html, page)
-        print(f"wrote {html}")
-    else:
-        serve(page, lambda url: print(f"{file.name} is at {url} (Ctrl-C ends)", flush=True))
-
-
-def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
-    """Draw a plan as figures: modes, joints and speeds against limits, object, contacts, forces.
-
-    ```console
-    $ drake-hand plot spin.plan.json -o figures
-    $ drake-hand plot spin.run.npz -o figures
-    ```
-
-    Args:
-        file: the plan file, or the record of a run of `execute`.
-        output: the folder for the PNG files.
-    """
-    from drake_hand.epos import record
-    from drake_hand.model.hand import Hand
-    from drake_hand.view.figures import draw_plan
-    from drake_hand.view.run_figures import draw_run
-
-    if file.name.endswith(record.SUFFIX):
-        files = draw_run(record.RunRecord.load(file), output)
-    else:
-        subject = Plan.load(file)
-        files = draw_plan(subject, Hand.load(subject.task.hand), output)
-    for written in files:
-        print(f"wrote {written}")
-
-
-@contextmanager
-def _naming(file: Path) -> Iterator[None]:
-    """Adds the file to errors that know what is wrong, but not where it was read."""
-    try:
-        yield
-    except InputError as e:
-        if e.file is not None:
-            raise
-        raise InputError(e.message, file=file, key=e.key, found=e.found, expected=e.expected) from e
-
-
 def _edited(subject: Plan, file: Path) -> InputError | None:
     """The error of a plan whose certificate is about another content."""
     if subject.certificate is None or subject.certificate.plan_hash == subject.hash:
@@ -243,30 +181,3 @@ def _edited(subject: Plan, file: Path) -> InputError | None:
         found=subject.certificate.plan_hash,
         expected=f"{subject.hash} (the hash of what the file holds now)",
     )
-
-
-def _print_parts(subject: Plan) -> None:
-    print_table(
-        "Parts",
-        ["#>", "mode", "start s>", "end s>", "event"],
-        [(i, p.mode, f"{p.t[0]:.2f}", f"{p.t[-1]:.2f}", ", ".join(p.events)) for i, p in enumerate(subject.parts)],
-    )
-
-
-def _print_certificate(certificate: Certificate) -> None:
-    def place(w: Worst) -> str:
-        when = f"{w.time_s:.3f} s" if w.time_s is not None else ""
-        return ", ".join(x for x in (when, f"part {w.part}" if w.part is not None else "", w.where) if x)
-
-    print_table(
-        f"Certificate ({certificate.samples} samples)",
-        ["", "worst>", "limit>", "", "where"],
-        [
-            (name, "-" if w.value is None else w.value, w.limit, "ok" if w.ok else "FAILS", place(w))
-            for name, w in certificate.worst.items()
-        ],
-    )
-    if certificate.worst["force_margin"].value is None:
-        print("hold: kinematic - the plan closes the loops; no contact forces were planned or checked")
-    for failure in certificate.failures:
-        print(f"fails: {failure}")

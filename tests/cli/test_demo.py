@@ -3,9 +3,9 @@
 import pytest
 
 from drake_hand import cli
-from drake_hand.cli import drives, plans
+from drake_hand.cli import drives, plans, plot
 
-STEPS = [(plans, "plan"), (plans, "check"), (plans, "simulate"), (drives, "execute"), (plans, "plot"), (plans, "plot")]
+STEPS = [(plans, "plan"), (plans, "check"), (plans, "simulate"), (drives, "execute"), (plot, "plot"), (plot, "plot")]
 
 
 @pytest.fixture
