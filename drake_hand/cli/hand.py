@@ -11,6 +11,7 @@ from cyclopts import App, Parameter
 from drake_hand.cli.output import print_json, print_table
 
 app = App(name="hand", help="Examine a hand model, bring in your own.")
+app.command("drake_hand.cli.show:show_hand", name="show")
 
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 

@@ -11,8 +11,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from drake_hand.cli.output import error_answer, naming, print_json, print_table, progress_display
-from drake_hand.cli.verdict import print_certificate, print_parts
-from drake_hand.errors import InputError
+from drake_hand.cli.verdict import print_certificate, print_plan
+from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.files import resolve, write_atomic
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX
@@ -26,6 +26,7 @@ def plan(
     html: Path | None = None,
     seed: int | None = None,
     time_limit: float | None = None,
+    everything: Annotated[bool, Parameter(name="--all")] = False,
     json: bool = False,
 ) -> int:
     """Find a certified plan for a task.
@@ -40,9 +41,10 @@ def plan(
     Args:
         task: a bundled name (spin, paper, twirl, carry) or a task file.
         output: the plan file; TASK.plan.json here if not given.
-        html: also write a standalone page to watch it.
+        html: also write a standalone page to watch it, or to see what blocked.
         seed: instead of the task's.
         time_limit: seconds, instead of the task's.
+        everything: print every part and every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
@@ -51,7 +53,12 @@ def plan(
     if output.suffix != ".json":
         raise InputError("plan files end in .json", key="--output", found=output, expected=output.with_suffix(".json"))
     with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
-        result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+        try:
+            result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+        except NoPlanFound as e:
+            if html:  # instead of the page of an older plan
+                write_atomic(html, api.show_failure(task, e))
+            raise
     found = result.plan
     page = api.show(found) if html else None
     found.save(output)
@@ -70,27 +77,26 @@ def plan(
             }
         )
         return 0
-    print_parts(found)
-    if found.certificate:
-        print_certificate(found.certificate)
-    stages = ", ".join(f"{name} {s:.2f} s" for name, s in result.stages_s.items())
-    print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
-    print(f"planned in {result.plan_s:.2f} s ({stages})")
+    print_plan(found, regrasps=result.regrasps, everything=everything)
+    stages = ", ".join(f"{name} {s:.3g} s" for name, s in result.stages_s.items())
+    print(f"planned in {result.plan_s:.3g} s ({stages})")
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
 
 
-def check(file: Path, /, *, json: bool = False) -> int:
+def check(file: Path, /, *, everything: Annotated[bool, Parameter(name="--all")] = False, json: bool = False) -> int:
     """Prove a plan again, from its file alone.
 
     Exit status: 0 certified, 1 not certified (says what fails, and where), 2 not a plan, or edited since it was made.
 
     ```console
     $ drake-hand check spin.plan.json
+    $ drake-hand check spin.plan.json --all
     ```
 
     Args:
         file: the plan file.
+        everything: print every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
@@ -104,8 +110,7 @@ def check(file: Path, /, *, json: bool = False) -> int:
         answer = msgspec.to_builtins(certificate) | {"certified": certified}
         print_json(answer | (error_answer(edited) if edited else {}))
     else:
-        print_certificate(certificate)
-        print("certified" if certified else "NOT certified")
+        print_certificate(msgspec.structs.replace(certificate, certified=certified), subject, everything=everything)
     if edited:
         print(f"drake-hand: {edited}", file=sys.stderr)
         return edited.exit_status

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -15,6 +15,9 @@ from msgspec import Meta
 from drake_hand.errors import InputError
 from drake_hand.files import load, write_atomic
 from drake_hand.plans.task import Task
+
+if TYPE_CHECKING:
+    from drake_hand.plans.trajectory import States
 
 Row = list[float]
 
@@ -55,6 +58,9 @@ class Part(_Strict, frozen=True, kw_only=True):
     q_offset: list[Row] | None = None
     """(n, nq) added to q when commanded, K^-1 J^T f (linear between knots); null in kinematic plans."""
 
+    def __repr__(self) -> str:
+        return f"Part({self.mode}, {self.t[0]:.3f} to {self.t[-1]:.3f} s, events={self.events})"
+
 
 class Worst(_Strict, frozen=True, kw_only=True):
     """The worst value of one certificate field and where it happened."""
@@ -78,6 +84,11 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     failures: list[str]
     plan_hash: str
     """Hash of the plan it certifies."""
+
+    def _repr_html_(self) -> str:
+        from drake_hand.plans.words import certificate_card
+
+        return certificate_card(self)
 
 
 class Plan(_Strict, frozen=True, kw_only=True):
@@ -118,6 +129,25 @@ class Plan(_Strict, frozen=True, kw_only=True):
     def certified(self) -> bool:
         """Whether it carries a certificate that says yes and is about this very plan."""
         return self.certificate is not None and self.certificate.certified and self.certificate.plan_hash == self.hash
+
+    def at(self, t: np.ndarray | float) -> States:
+        """Joints, object pose, contacts and forces at times t (k,), s; held at the ends of the plan.
+
+        Who asks often makes a :class:`drake_hand.Trajectory` once.
+        """
+        from drake_hand.plans.trajectory import Trajectory
+
+        return Trajectory(self).at(t)
+
+    def __repr__(self) -> str:
+        from drake_hand.plans.words import badge, title
+
+        return f"Plan({title(self)}; {self.hand}, {len(self.parts)} parts, {self.duration:.1f} s, {badge(self)})"
+
+    def _repr_html_(self) -> str:
+        from drake_hand.plans.words import plan_card
+
+        return plan_card(self)
 
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
