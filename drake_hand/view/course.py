@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.chain import FingerKinematics, material_jacobian
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import States, Trajectory
@@ -43,6 +43,17 @@ class Course:
         margin = friction_margins(states.f_W, np.nan_to_num(n_W), plan.task.physics.friction)
         gap = reach - [f.radius for f in hand.fingers]
         return cls(hand=hand, states=states, p_WC=p_WC, p_WP=p_WP, gap=gap, margin=margin)
+
+    @property
+    def effort(self) -> np.ndarray:
+        """(k, F) the torque that a finger's contact force takes, over its effort, in the joint where that is most."""
+        shares = []
+        for finger in self.hand.fingers:
+            _, _, J, Jw = FingerKinematics.of(self.hand, finger).jacobian(self.states.q[:, finger.columns])
+            lever = np.nan_to_num(self.p_WP[:, finger.index] - self.p_WC[:, finger.index])
+            torque = np.einsum("kij,ki->kj", material_jacobian(J, Jw, lever), self.states.f_W[:, finger.index])
+            shares.append(np.max(np.abs(torque) / self.hand.effort[finger.columns], axis=1))
+        return np.stack(shares, axis=1)
 
     @property
     def least_margin(self) -> np.ndarray:

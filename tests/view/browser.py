@@ -22,7 +22,7 @@ def opened(uri: str, *, size: tuple[int, int] = (1000, 700)) -> Iterator:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        tab.set_default_timeout(90_000)
+        tab.set_default_timeout(240_000)
         problems: list[str] = []
         asked: list[str] = []
         tab.on("request", lambda r: asked.append(r.url))

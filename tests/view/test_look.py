@@ -33,7 +33,7 @@ def test_sliders_have_the_limits_and_links_lead_to_the_tips(hand):
             angle, a = link["gain"] * q[link["joint"]] + link["offset"], np.array(link["axis"])
             K = np.cross(np.eye(3), a)
             J = np.eye(4)
-            J[:3, :3] += np.sin(angle) * -K + (1 - np.cos(angle)) * K @ K
+            J[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
             X = X @ J
         poses.append(X)
     names = [link["name"] for link in found["links"]]
