@@ -78,5 +78,6 @@ def test_every_public_name_resolves(name: str) -> None:
 def test_top_level_names_resolve() -> None:
     for name in drake_hand.__all__:
         getattr(drake_hand, name)
+    assert dir(drake_hand) == sorted([*drake_hand.__all__, "__version__"])
     with pytest.raises(AttributeError, match="no attribute 'Nope'"):
         drake_hand.Nope  # noqa: B018

@@ -23,6 +23,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         output: the folder to write to.
     """
     from drake_hand.cli import drives_execute
+    from drake_hand.cli.plot import plot
 
     output.mkdir(exist_ok=True)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
@@ -32,8 +33,8 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
         "Prove it again, from its file alone": lambda: plans.check(file),
         "Replay it in physics": lambda: simulate(file, html=physics),
         "Play it on simulated drives": lambda: drives_execute.execute(file, drives="kanguera", simulate=True, log=run),
-        "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
-        "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
+        "Draw the plan": lambda: plot(file, output=output / "figures"),
+        "Draw the run": lambda: plot(run, output=output / "figures" / "run"),
     }
     for number, (title, step) in enumerate(steps.items(), start=1):
         print(f"\n[{number}/{len(steps)}] {title}\n", flush=True)

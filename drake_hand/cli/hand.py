@@ -12,6 +12,7 @@ from drake_hand.cli.output import print_json, print_table
 from drake_hand.files import write_atomic
 
 app = App(name="hand", help="Examine a hand model, bring in your own.")
+app.command("drake_hand.cli.show:show_hand", name="show")
 
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 

@@ -1,4 +1,4 @@
-"""Commands about plans: plan, check, show, plot."""
+"""Commands about plans: plan, check."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import msgspec
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from drake_hand.cli.output import error_answer, naming, print_json, print_table, progress_display
-from drake_hand.errors import InputError
+from drake_hand.cli.output import error_answer, naming, print_json, progress_display
+from drake_hand.cli.verdict import print_certificate, print_plan
+from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.files import require_folder, resolve, write_atomic
-from drake_hand.plans.plan import Certificate, Plan, Worst
+from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def plan(
     html: Path | None = None,
     seed: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
     time_limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
+    everything: Annotated[bool, Parameter(name="--all")] = False,
     json: bool = False,
 ) -> int:
     """Find a certified plan for a task.
@@ -42,9 +44,10 @@ def plan(
     Args:
         task: a bundled name (spin, paper, twirl, carry) or a task file.
         output: the plan file; TASK.plan.json here if not given.
-        html: also write a standalone page to watch it.
+        html: also write a standalone page to watch it, or to see what blocked.
         seed: instead of the task's.
         time_limit: seconds, instead of the task's.
+        everything: print every part and every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
@@ -56,7 +59,12 @@ def plan(
         if written:
             require_folder(written)
     with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
-        result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+        try:
+            result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+        except NoPlanFound as e:
+            if html:  # instead of the page of an older plan
+                write_atomic(html, api.show_failure(task, e))
+            raise
     found = result.plan
     page = api.show(found) if html else None
     found.save(output)
@@ -75,26 +83,25 @@ def plan(
             }
         )
         return 0
-    _print_parts(found)
-    if found.certificate:
-        _print_certificate(found.certificate)
-    print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
+    print_plan(found, regrasps=result.regrasps, everything=everything)
     print(_times(result))
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
 
 
-def check(file: Path, /, *, json: bool = False) -> int:
+def check(file: Path, /, *, everything: Annotated[bool, Parameter(name="--all")] = False, json: bool = False) -> int:
     """Prove a plan again, from its file alone.
 
     Exit status: 0 certified, 1 not certified (says what fails, and where), 2 not a plan, or edited since it was made.
 
     ```console
     $ drake-hand check spin.plan.json
+    $ drake-hand check spin.plan.json --all
     ```
 
     Args:
         file: the plan file.
+        everything: print every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
@@ -108,62 +115,11 @@ def check(file: Path, /, *, json: bool = False) -> int:
         answer = msgspec.to_builtins(certificate) | {"certified": certified}
         print_json(answer | (error_answer(edited) if edited else {}))
     else:
-        _print_certificate(certificate)
-        print("certified" if certified else "NOT certified")
+        print_certificate(msgspec.structs.replace(certificate, certified=certified), subject, everything=everything)
     if edited:
         print(f"drake-hand: {edited}", file=sys.stderr)
         return edited.exit_status
     return 0 if certified else 1
-
-
-def show(file: Path, /, *, html: Path | None = None) -> None:
-    """Watch a plan in the browser: play, pause, scrub, the mode and its timeline beside the hand.
-
-    ```console
-    $ drake-hand show spin.plan.json
-    $ drake-hand show spin.plan.json --html spin.html
-    ```
-
-    Args:
-        file: the plan file.
-        html: write a standalone page there instead of serving it.
-    """
-    from drake_hand import api
-    from drake_hand.view.show import serve
-
-    with naming(file):
-        page = api.show(Plan.load(file))
-    if html:
-        write_atomic(html, page)
-        print(f"wrote {html}")
-    else:
-        serve(page, lambda url: print(f"{file.name} is at {url} (Ctrl-C ends)", flush=True))
-
-
-def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
-    """Draw a plan as figures: modes, joints and speeds against limits, object, contacts, forces.
-
-    ```console
-    $ drake-hand plot spin.plan.json -o figures
-    $ drake-hand plot spin.run.npz -o figures
-    ```
-
-    Args:
-        file: the plan file, or the record of a run of `execute`.
-        output: the folder for the PNG files.
-    """
-    from drake_hand.epos import record
-    from drake_hand.model.hand import Hand
-    from drake_hand.view.figures import draw_plan
-    from drake_hand.view.run_figures import draw_run
-
-    if file.name.endswith(record.SUFFIX):
-        files = draw_run(record.RunRecord.load(file), output)
-    else:
-        subject = Plan.load(file)
-        files = draw_plan(subject, Hand.load(subject.task.hand), output)
-    for written in files:
-        print(f"wrote {written}")
 
 
 def _times(result: PlanResult) -> str:
@@ -195,30 +151,3 @@ def _edited(subject: Plan, file: Path) -> InputError | None:
         found=subject.certificate.plan_hash,
         expected=f"{subject.hash} (the hash of what the file holds now)",
     )
-
-
-def _print_parts(subject: Plan) -> None:
-    print_table(
-        "Parts",
-        ["#>", "mode", "start s>", "end s>", "event"],
-        [(i, p.mode, f"{p.t[0]:.2f}", f"{p.t[-1]:.2f}", ", ".join(p.events)) for i, p in enumerate(subject.parts)],
-    )
-
-
-def _print_certificate(certificate: Certificate) -> None:
-    def place(w: Worst) -> str:
-        when = f"{w.time_s:.3f} s" if w.time_s is not None else ""
-        return ", ".join(x for x in (when, f"part {w.part}" if w.part is not None else "", w.where) if x)
-
-    print_table(
-        f"Certificate ({certificate.samples} samples)",
-        ["", "worst>", "limit>", "", "where"],
-        [
-            (name, "-" if w.value is None else w.value, w.limit, "ok" if w.ok else "FAILS", place(w))
-            for name, w in certificate.worst.items()
-        ],
-    )
-    if certificate.worst["force_margin"].value is None:
-        print("hold: kinematic - the plan closes the loops; no contact forces were planned or checked")
-    for failure in certificate.failures:
-        print(f"fails: {failure}")

@@ -13,6 +13,7 @@ from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve, sha256
 from drake_hand.model.closing import Closing, find_closing
 from drake_hand.model.hand_file import SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
+from drake_hand.model.html import html_table
 from drake_hand.model.urdf import Urdf
 
 _ROOM = 0.1
@@ -62,7 +63,7 @@ class Finger:
     """Links of the chain, palm excluded."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Hand:
     """A hand: n fingers, nq commanded joints (coupled joints follow and are not in q).
 
@@ -126,6 +127,22 @@ class Hand:
             found=name,
             expected=nearest(name, [f.name for f in self.fingers]),
         )
+
+    def __repr__(self) -> str:
+        return f"Hand({self.name}: {', '.join(f.name for f in self.fingers)}; {self.nq} joints)"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                *(f.name, f.tip_link, f"{1e3 * f.radius:.3g} mm"),
+                ", ".join(
+                    f"{self.joints[i]} {math.degrees(self.q_lower[i]):.0f} to {math.degrees(self.q_upper[i]):.0f}"
+                    for i in f.columns
+                ),
+            )
+            for f in self.fingers
+        ]
+        return html_table(f"{self.name}: {self.nq} joints", ["finger", "tip", "radius", "joints, deg"], rows)
 
     @classmethod
     def load(cls, ref: str | Path = "kanguera", *, beside: Path | None = None) -> Hand:

@@ -3,15 +3,15 @@
 import pytest
 
 from drake_hand import cli
-from drake_hand.cli import demo, drives_execute, plans
+from drake_hand.cli import demo, drives_execute, plans, plot
 
 STEPS = [
     (plans, "plan"),
     (plans, "check"),
     (demo, "simulate"),
     (drives_execute, "execute"),
-    (plans, "plot"),
-    (plans, "plot"),
+    (plot, "plot"),
+    (plot, "plot"),
 ]
 
 

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from drake_hand.planning.tables import Tables
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
@@ -14,7 +15,6 @@ from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Limits, Node
 from drake_hand.planning.object_path import build, pose
 from drake_hand.planning.run import GRASPS, Run
-from drake_hand.planning.tables import Tables
 from drake_hand.plans.task import Step, Task, Translate
 
 

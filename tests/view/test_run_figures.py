@@ -16,14 +16,13 @@ def record() -> RunRecord:
     fault = Fault(kind="emcy", text="joint b: following error", time_s=0.4, sync=40, joint="b")
     header = RunHeader(
         version="0", started="", plan_hash="", hand="h", joints=joints, nodes=[1, 2, 3, 4], types=["epos4"] * 4,
-        sync_ms=10, bus="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
+        sync_ms=10, lead=0, bus="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
     )  # fmt: skip
     return RunRecord(
         header=header,
         t=t,
         late_ms=np.zeros(k),
         step=np.arange(k),
-        plan_time=t,
         playing=np.arange(k) <= 40,
         commanded=commanded,
         measured=commanded - np.radians(0.5),
@@ -41,7 +40,8 @@ def test_files(record, tmp_path):
 
 def test_error_and_fault_are_drawn(record):
     error = run_figures.draw_errors(record).axes[0]
-    (b,) = (line for line in error.get_lines() if line.get_label() == "b")
-    assert b.get_ydata() == pytest.approx(0.5)
+    assert [tick.get_text() for tick in error.get_yticklabels()] == ["a", "b", "c", "d"]
+    (shown,) = error.collections
+    np.testing.assert_allclose(np.asarray(shown.get_array()), 0.5)
     assert "following error" in error.get_title(loc="left")
     assert any(np.allclose(line.get_xdata(), 0.4) for line in error.get_lines())
