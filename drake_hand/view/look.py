@@ -46,8 +46,8 @@ def render_task(task: Task) -> Page:
 def render_failure(task: Task, error: NoPlanFound) -> Page:
     """What there is to see of a plan that was not found: the object where it blocked, the blocking finger marked."""
     X_WO, note = _start(task)
-    where = error.evidence.get("X_WO")
-    blocked = error.evidence.get("finger")
+    where = error.evidence.X_WO
+    blocked = error.evidence.finger
     if where is not None:
         X_WO, note = np.array(where), ""
     reason = f"no plan ({error.status}): {error.reason}. {note}The object is where this was found, the hand at home."
