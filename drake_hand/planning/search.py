@@ -69,6 +69,13 @@ class Search:
     _able: dict[int, tuple[State, bool]] = field(default_factory=dict)
     _started: float = field(default_factory=time.monotonic)
 
+    def restart(self) -> None:
+        """Begins again at the roots; what is drawn at random will be other than before."""
+        roots = [root for root, _ in self._able.values()]
+        self._bins.clear()
+        self._tried.clear()
+        self.add(roots)
+
     def add(self, states: list[State]) -> None:
         """Takes states in, roots or what follows from others."""
         for x in states:
