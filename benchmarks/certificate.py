@@ -20,13 +20,13 @@ import numpy as np
 
 from drake_hand import api
 from drake_hand.cli.bench import turned
-from drake_hand.cli.bench_certificate import look_at_all_pairs
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.task import Step, Task
 from drake_hand.verify import certificate
+from drake_hand.verify.all_pairs import look_at_all_pairs
 from drake_hand.verify.observe import Observed, observe
 
 replace = msgspec.structs.replace

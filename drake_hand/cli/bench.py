@@ -166,7 +166,7 @@ def _fingers(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 
 def _certificate(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand import api
-    from drake_hand.cli.bench_certificate import certificate_samples
+    from drake_hand.verify.all_pairs import certificate_samples
 
     plan = api.plan(turned(Task.load("spin"), 360.0), seed=seed)
     yield from certificate_samples(plan, repeats=runs).items()

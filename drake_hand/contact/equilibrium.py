@@ -64,16 +64,16 @@ def margins(
         raise ValueError("forces are unbounded: give f_max, or J and effort")
     drag = np.zeros((N, k, 3)) if drag_W is None else np.ascontiguousarray(drag_W, dtype=float)
     return _margins(
-        np.ascontiguousarray(p_WP, dtype=float),
-        np.ascontiguousarray(n_W, dtype=float),
-        np.ascontiguousarray(mask, dtype=np.bool_),
+        np.require(p_WP, dtype=float, requirements=["C", "W"]),
+        np.require(n_W, dtype=float, requirements=["C", "W"]),
+        np.require(mask, dtype=np.bool_, requirements=["C", "W"]),
         np.array(np.broadcast_to(p_WCom, (N, 3)), dtype=float, order="C"),
         np.array(np.broadcast_to(force_W, (N, 3)), dtype=float, order="C"),
         float(friction),
         float(torsion_radius),
         1.0 / f_max,
-        np.ascontiguousarray(J, dtype=float),
-        np.ascontiguousarray(effort, dtype=float),
+        np.require(J, dtype=float, requirements=["C", "W"]),
+        np.require(effort, dtype=float, requirements=["C", "W"]),
         drag,
     )
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
     from drake_hand.model.hand import Finger
@@ -107,6 +105,8 @@ class _Swing:
 
 def _swing(finger: Finger, q: np.ndarray) -> _Swing:
     """A finger at postures q (N, m)."""
+    from scipy.spatial.transform import Rotation
+
     R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     axes, places = [], []
     for axis in finger.axes:
@@ -129,6 +129,8 @@ def _swing(finger: Finger, q: np.ndarray) -> _Swing:
 
 def _meeting(tips: list[np.ndarray]) -> np.ndarray:
     """(3,) middle of where most fingers can have their tips (each (N, 3)) near one another."""
+    from scipy.spatial import cKDTree
+
     trees = [cKDTree(t) for t in tips]
     everywhere = np.concatenate(tips)
     meet = np.sum([tree.query(everywhere)[0] < _MEET for tree in trees], axis=0)

@@ -13,7 +13,6 @@ from functools import partial
 from itertools import groupby
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from drake_hand.model.geometry import Geometry, read_collision
 from drake_hand.model.hand import Finger, Hand
@@ -112,6 +111,8 @@ def fit(
     Returns:
         Centre (3,), radius and largest error, m.
     """
+    from scipy.optimize import least_squares
+
     points = outer_points([_Hull.of(g, np.zeros(3)) for g in shapes])
 
     def touching(p: np.ndarray, r: float) -> np.ndarray:

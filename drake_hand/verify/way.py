@@ -57,4 +57,4 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
         worst=findings.worst,
         failures=findings.failures,
         plan_hash=plan.hash,
-    )
+    ).sealed()

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from drake_hand import api, cli
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.planning.holding import Tally
 from drake_hand.plans.plan import Plan
 
@@ -96,7 +96,7 @@ def test_plot_wants_a_folder_or_a_place_for_one(plan_file, tmp_path, capsys):
     assert cli.run(["plot", str(plan_file), "-o", str(plan_file)]) == 2
     assert "this is a file" in capsys.readouterr().err
     assert cli.run(["plot", str(plan_file), "-o", str(tmp_path / "no" / "figures")]) == 2
-    assert "No such file or directory" in capsys.readouterr().err
+    assert "no such folder" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
 
 
@@ -127,7 +127,7 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
 
 def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch, capsys):
     def fail(task, **_):
-        raise NoPlanFound("index cannot reach", evidence={"finger": "index"})
+        raise NoPlanFound("index cannot reach", evidence=Evidence(finger="index"))
 
     monkeypatch.setattr(api, "solve", fail)
     page = tmp_path / "spin.html"

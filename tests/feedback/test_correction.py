@@ -26,7 +26,7 @@ ASIDE = np.array([0.0, 0.0, 0.0, 0.6e-3, -0.4e-3, 0.5e-3])
 
 def certified(plan, clear_mm=3.0):
     clear = {"penetration_mm": Worst(value=-clear_mm, limit=0.0, ok=True)}
-    stamp = Certificate(certified=True, samples=0, worst=clear, failures=[], plan_hash=plan.hash)
+    stamp = Certificate(certified=True, samples=0, worst=clear, failures=[], plan_hash=plan.hash).sealed()
     return msgspec.structs.replace(plan, certificate=stamp)
 
 

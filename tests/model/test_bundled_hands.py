@@ -47,7 +47,7 @@ def test_every_link_could_be_real(hand):
     tips = {f.tip_link: f.radius for f in hand.fingers}
     for link in links:
         if link.get("name") in tips:
-            (shape,) = [g for c in link.findall("collision") for g in read_collision(c, source)]
+            (shape,) = [g for c in link.findall("collision") for g in read_collision(c, source, lambda file, scale: [])]
             assert shape.kind == "sphere"
             assert shape.size[0] == pytest.approx(tips[link.get("name")]), "the hand file's tip is the URDF's"
 

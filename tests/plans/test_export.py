@@ -25,7 +25,7 @@ def pressing(plan: Plan) -> Plan:
         parts.append(msgspec.structs.replace(part, q_offset=ramp.tolist()))
     plan = msgspec.structs.replace(plan, parts=parts)
     return msgspec.structs.replace(
-        plan, certificate=Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash)
+        plan, certificate=Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash).sealed()
     )
 
 

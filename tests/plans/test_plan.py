@@ -72,7 +72,7 @@ def test_stays_certified_on_its_way_to_another_process():
     file = msgspec.json.encode(plan())  # as read from a file, defaults left out
     read = msgspec.json.decode(file, type=Plan)
     stamped = replace(
-        read, certificate=Certificate(certified=True, samples=1, worst={}, failures=[], plan_hash=read.hash)
+        read, certificate=Certificate(certified=True, samples=1, worst={}, failures=[], plan_hash=read.hash).sealed()
     )
     there = pickle.loads(pickle.dumps(stamped))
     assert there == stamped

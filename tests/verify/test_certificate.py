@@ -150,4 +150,9 @@ def test_the_limits_are_those_that_are_promised():
         "goal_position_mm": 0.1,
         "goal_rotation_deg": 0.1,
         "mode": 0.0,
+        "init": 0.0,
+        "inv": 0.0,
+        "contact": 0.0,
+        "jump": 0.0,
+        "slip_mm_s": 1.0,
     }

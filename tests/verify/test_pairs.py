@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from breaking import HAND, edited
 
-from drake_hand.cli.bench_certificate import look_at_all_pairs
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import Trajectory
+from drake_hand.verify.all_pairs import look_at_all_pairs
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.motion import levers, travel_rates
 from drake_hand.verify.observe import NEAR, observe

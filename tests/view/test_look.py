@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_hand import api, cli
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Task
 from tests.view.browser import needs_chromium, opened
@@ -53,7 +53,7 @@ def test_a_task_shows_its_object_at_the_start_and_its_steps(hand):
 def test_what_blocked_is_marked_where_it_blocked():
     X = np.eye(4)
     X[:3, 3] = [0.05, 0.0, 0.12]
-    error = NoPlanFound("index cannot reach", evidence={"finger": "index", "X_WO": X.tolist()})
+    error = NoPlanFound("index cannot reach", evidence=Evidence(finger="index", X_WO=X.tolist()))
     found = data(api.show_failure(Task.load("spin"), error))
     assert found["blocked"] == "index"
     assert "index cannot reach" in found["note"]

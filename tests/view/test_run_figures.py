@@ -16,13 +16,14 @@ def record() -> RunRecord:
     fault = Fault(kind="emcy", text="joint b: following error", time_s=0.4, sync=40, joint="b")
     header = RunHeader(
         version="0", started="", plan_hash="", hand="h", joints=joints, nodes=[1, 2, 3, 4], types=["epos4"] * 4,
-        sync_ms=10, lead=0, bus="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
+        sync_ms=10, bus="virtual", realtime=False, ok=False, faults=[fault], not_disabled=[],
     )  # fmt: skip
     return RunRecord(
         header=header,
         t=t,
         late_ms=np.zeros(k),
         step=np.arange(k),
+        plan_time=np.arange(k) * 0.01,
         playing=np.arange(k) <= 40,
         commanded=commanded,
         measured=commanded - np.radians(0.5),

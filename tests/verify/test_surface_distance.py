@@ -73,4 +73,4 @@ def test_a_fine_mesh_is_near_its_sphere(tmp_path):
     solid = Solid.of(Object.load(file))
     points = np.random.default_rng(1).normal(size=(200, 3))
     points *= 0.04 / np.linalg.norm(points, axis=1, keepdims=True)
-    assert np.allclose(solid.distance(points)[0], 0.01, atol=1e-4)
+    assert np.allclose(solid.distance(points)[0], 0.01, atol=3e-4)  # dense meshes are simplified on loading
