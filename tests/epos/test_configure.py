@@ -1,5 +1,6 @@
 """Configuration, on simulated drives and on a responder that nobody here wrote."""
 
+import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -14,10 +15,15 @@ from drake_hand.epos.configure import configure, release, writes
 from drake_hand.epos.master import NMT_OPERATIONAL, Master
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, PDO_DISABLED, SYNC_COB
-from drake_hand.epos.sim.process import _free_port
 from drake_hand.epos.state import Control
 
 DRIVES = drives_of("mix")
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("", 0))
+        return s.getsockname()[1]
 
 
 def test_every_drive_holds_what_it_was_given(mastered):
@@ -106,7 +112,7 @@ def responder(drive, bus: can.BusABC):
 
 def test_the_master_configures_a_durand_responder_and_exchanges_pdos_with_it():
     drive = replace(drives_of("epos4").drives[0], node=9)
-    place = DRIVES.bus.arguments("udp_multicast", f"239.74.163.2:{_free_port()}")
+    place = DRIVES.bus.arguments("udp_multicast", f"239.74.163.2:{free_port()}")
     heard = []
 
     class Listener:
