@@ -7,6 +7,7 @@ import numpy as np
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.planning import approach
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.object_path import ObjectPath, build, pose
@@ -83,3 +84,9 @@ def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold
     hold = reach.from_contact(i, 0, q[0])
     assert hold is not None, "does not last"
     return hold
+
+
+def touch(reach: ReachTable, hold: Hold) -> approach.Contact:
+    """Where a hold begins, as closing the hand asks for it."""
+    X = reach.path.X_WO[hold.birth]
+    return approach.Contact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))

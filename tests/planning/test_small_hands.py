@@ -59,9 +59,9 @@ def test_out_of_reach_is_said_with_mode_finger_and_pose():
     with pytest.raises(NoPlanFound, match="reach") as e:
         find_path(far)
     assert e.value.status == "infeasible"
-    assert e.value.evidence["finger"] in ("left", "right", "thumb")
-    assert len(e.value.evidence["mode"]) == 3
-    assert np.array(e.value.evidence["X_WO"])[2, 3] == pytest.approx(0.2)
+    assert e.value.evidence.finger in ("left", "right", "thumb")
+    assert len(e.value.evidence.mode) == 3
+    assert np.array(e.value.evidence.X_WO)[2, 3] == pytest.approx(0.2)
 
 
 def test_an_object_in_the_palm_is_said_to_be():
@@ -69,4 +69,4 @@ def test_an_object_in_the_palm_is_said_to_be():
     inside = task("trio", "sphere", turn(10.0), start=Pose(xyz_mm=(0.0, 0.0, 10.0)), time_limit_s=WITHIN_S)
     with pytest.raises(NoPlanFound, match="palm") as e:
         find_path(inside)
-    assert e.value.evidence["constraint"] == "collision with palm"
+    assert e.value.evidence.constraint == "collision with palm"

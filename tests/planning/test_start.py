@@ -14,6 +14,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.planner import find_path
 from drake_hand.planning.start import PALMS, RATED, variants
+from drake_hand.planning.world import Grid, world
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task
 from tests.verify.held import held_plan
@@ -25,7 +26,7 @@ def clearance():
 
 
 def starts(task: Task, clearance: Clearance, seed: int = 0) -> list[Task]:
-    return list(variants(task, clearance, np.random.default_rng(seed)))
+    return variants(task, clearance, world(clearance, pivot=False), Grid.of(clearance), np.random.default_rng(seed))
 
 
 def spin(**changes) -> Task:
