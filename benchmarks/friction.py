@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from drake_hand import api
+from drake_hand.physics.engine import Perturbation
 from drake_hand.physics.replay import replay
-from drake_hand.physics.simulation import Perturbation
 from drake_hand.plans.task import Task
 
 SHARES = (1.0, 0.75, 0.625, 0.5625, 0.5)

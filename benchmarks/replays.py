@@ -1,6 +1,7 @@
 """What physics makes of plans in equilibrium: plans, certifies and replays the cases of a group, a table row each.
 
     python benchmarks/replays.py turns --only "spin 360 deg" --runs 20
+    python benchmarks/replays.py turns --only "spin 360 deg" --runs 50 --engine mujoco --feedback
     python benchmarks/replays.py palms objects
     python benchmarks/replays.py allegro --runs 20 --models ../shared/models
 
@@ -22,7 +23,9 @@ import msgspec
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
-from drake_hand.physics.replay import Replay, simulate
+from drake_hand.feedback.sensor import PoseSensor
+from drake_hand.physics.engine import EngineName
+from drake_hand.physics.runs import Replay, simulate
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
 
@@ -148,7 +151,7 @@ GROUPS: dict[str, Callable[[Path], Iterator[Case]]] = {
 }
 
 
-def row(label: str, task: Task, runs: int) -> str:
+def row(label: str, task: Task, runs: int, engine: EngineName, feedback: PoseSensor | None) -> str:
     """Plans, certifies and replays one case."""
     try:
         result = api.solve(task)
@@ -157,7 +160,7 @@ def row(label: str, task: Task, runs: int) -> str:
     plan = result.plan
     assert plan.certificate is not None, "solve certifies"
     margin = plan.certificate.worst["force_margin"].value
-    nominal = simulate(plan)
+    nominal = simulate(plan, engine=engine, feedback=feedback)
     cells = [
         label + (f", start {found(plan)}" if task.start == "auto" else ""),
         f"{result.plan_s:.0f}",
@@ -166,7 +169,10 @@ def row(label: str, task: Task, runs: int) -> str:
         "none planned" if margin is None else f"{margin:.2f}",
         errors(nominal),
     ]
-    cells += perturbed(simulate(plan, runs=runs, perturb=True)) if runs else ["", ""]
+    if runs:
+        cells += perturbed(simulate(plan, runs=runs, perturb=True, engine=engine, feedback=feedback))
+    else:
+        cells += ["", ""]
     return f"| {' | '.join(cells)} |"
 
 
@@ -204,6 +210,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("groups", nargs="+", choices=GROUPS, metavar="GROUP", help=", ".join(GROUPS))
     parser.add_argument("--runs", type=int, default=0, help="perturbed replays of each plan")
+    parser.add_argument("--engine", choices=("drake", "mujoco"), default="drake")
+    parser.add_argument(
+        "--feedback", action="store_true", help="the object seen and corrected, with the default sensor"
+    )
     parser.add_argument("--only", default="", help="cases whose name contains this")
     parser.add_argument("--models", type=Path, default=Path("../shared/models"), help="folder with the other hands")
     options = parser.parse_args()
@@ -212,10 +222,11 @@ def main() -> None:
         "| perturbed: success | median (worst) mm / tilt deg / turn deg |"
     )
     print("|---|---|---|---|---|---|---|---|")
+    feedback = PoseSensor() if options.feedback else None
     for group in options.groups:
         for label, task in GROUPS[group](options.models):
             if options.only in label:
-                print(row(label, task, options.runs), flush=True)
+                print(row(label, task, options.runs, options.engine, feedback), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Plan, check and show in one call each, for scripts, notebooks and the command line."""
+"""Look, plan, check and show in one call each, for scripts, notebooks and the command line."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.task import Options, Task
 
 if TYPE_CHECKING:
+    from drake_hand.model.hand import Hand
+    from drake_hand.physics.run import Record, Run
     from drake_hand.planning.holding import Tally
     from drake_hand.planning.search import Progress
+    from drake_hand.view.page import Page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,26 +64,31 @@ def solve(
     task = msgspec.structs.replace(task, options=options)
 
     from drake_hand.motion.timing import time_path
-    from drake_hand.planning.planner import find_path
+    from drake_hand.planning.planner import find_paths
 
-    start = perf_counter()
-    path = find_path(task, progress=progress)
-    found = perf_counter()
-    plan = time_path(path)
-    timed = perf_counter()
-    certificate = check(plan, progress=progress)
-    stages_s = {**path.stats["stages_s"], "timing": timed - found, "certificate": perf_counter() - timed}
-    if not certificate.certified:
-        reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
-        evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
-        raise NoPlanFound(reason, evidence=evidence)
-    return PlanResult(
-        plan=msgspec.structs.replace(plan, certificate=certificate),
-        regrasps=path.stats["regrasps"],
-        plan_s=timed - start,
-        stages_s=stages_s,
-        tally=path.stats["tally"],
-    )
+    start, proving, timing = perf_counter(), 0.0, 0.0
+    refused: NoPlanFound | None = None
+    try:
+        for path in find_paths(task, progress=progress):
+            found = perf_counter()
+            plan = time_path(path)
+            timed = perf_counter()
+            certificate = check(plan, progress=progress)
+            timing, proving = timing + timed - found, proving + perf_counter() - timed
+            if certificate.certified:
+                return PlanResult(
+                    plan=msgspec.structs.replace(plan, certificate=certificate),
+                    regrasps=path.stats["regrasps"],
+                    plan_s=perf_counter() - start - proving,
+                    stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
+                    tally=path.stats["tally"],
+                )
+            reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
+            evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
+            refused = NoPlanFound(reason, evidence=evidence)
+    except NoPlanFound as e:
+        raise refused or e from None
+    raise AssertionError("a search that finds nothing more says why")
 
 
 def plan(
@@ -106,11 +114,49 @@ def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> 
     return certify(plan, progress=tell)
 
 
-def show(plan: Plan) -> str:
-    """A plan as one HTML page, to be written to a file or shown in a notebook."""
+def show(plan: Plan, replayed: tuple[Run, Record] | None = None) -> Page:
+    """A plan as one HTML page to play, pause and scrub; shown in a notebook cell, or saved to a file.
+
+    Args:
+        plan: what to show.
+        replayed: what :func:`drake_hand.replay` made of it in physics, to be shown beside what was planned.
+
+    Raises:
+        InputError: the plan's hand or object cannot be loaded.
+    """
+    if replayed:
+        from drake_hand.view.replay import render_replay
+
+        return render_replay(plan, *replayed)
     from drake_hand.model.hand import Hand
     from drake_hand.model.object import Object
     from drake_hand.model.scene import Scene
     from drake_hand.view.show import render
 
     return render(plan, Scene(Hand.load(plan.task.hand), Object.load(plan.task.object)))
+
+
+def look(subject: Hand | Task | str | Path) -> Page:
+    """A hand or a task before there is a plan, as one HTML page: a slider per joint, palm frame, reach of the tips.
+
+    Of a task also the object at its start, and each step's axis or way.
+
+    Args:
+        subject: a hand, a task, or the bundled name or path of a task.
+
+    Raises:
+        InputError: the hand, object or task is wrong.
+    """
+    from drake_hand.model.hand import Hand
+    from drake_hand.view.look import render_hand, render_task
+
+    if isinstance(subject, Hand):
+        return render_hand(subject)
+    return render_task(subject if isinstance(subject, Task) else Task.load(subject))
+
+
+def show_failure(task: Task | str | Path, error: NoPlanFound) -> Page:
+    """A task that has no plan, as one HTML page: the object where it blocked, and the blocking finger."""
+    from drake_hand.view.look import render_failure
+
+    return render_failure(task if isinstance(task, Task) else Task.load(task), error)

@@ -12,9 +12,9 @@ import pytest
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
-_PLANNER = ["errors", "files", "compiled", "model", "plans", "contact", "modes", "planning", "motion"]
+_PLANNER = ["errors", "files", "compiled", "model", "plans", "contact", "feedback", "modes", "planning", "motion"]
 ROWS = [*_PLANNER, "verify", "physics", "epos", "view", "api", "sweep", "cli"]
-EPOS_MAY_USE = {"errors", "files", "plans", "epos"}
+EPOS_MAY_USE = {"errors", "files", "plans", "feedback", "epos"}
 HEAVY = {"pydrake", "trimesh", "matplotlib", "yourdfpy"}
 
 FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
@@ -68,6 +68,8 @@ def test_epos_and_command_modules_stay_light() -> None:
 
 @pytest.mark.parametrize("name", MODULES)
 def test_every_public_name_resolves(name: str) -> None:
+    if name.startswith("drake_hand.physics.mujoco"):
+        pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
     module = importlib.import_module(name)
     for public in getattr(module, "__all__", ()):
         getattr(module, public)
@@ -76,5 +78,6 @@ def test_every_public_name_resolves(name: str) -> None:
 def test_top_level_names_resolve() -> None:
     for name in drake_hand.__all__:
         getattr(drake_hand, name)
+    assert dir(drake_hand) == sorted([*drake_hand.__all__, "__version__"])
     with pytest.raises(AttributeError, match="no attribute 'Nope'"):
         drake_hand.Nope  # noqa: B018

@@ -18,11 +18,12 @@ COMMANDS = {
     "demo": ("drake_hand.cli.demo:demo", "Plan, check, simulate and execute the bundled pencil rotation."),
     "plan": ("drake_hand.cli.plans:plan", "Find a certified plan for a task."),
     "check": ("drake_hand.cli.plans:check", "Prove a plan again, from its file alone."),
-    "simulate": ("drake_hand.cli.plans:simulate", "Replay a plan in physics."),
-    "show": ("drake_hand.cli.plans:show", "Watch a plan in the browser."),
-    "plot": ("drake_hand.cli.plans:plot", "Draw a plan, or the record of a run, as figures."),
-    "execute": ("drake_hand.cli.drives:execute", "Play a plan on motor drives, real or simulated."),
-    "drives": ("drake_hand.cli.drives:app", "Scan, inspect and simulate drives."),
+    "simulate": ("drake_hand.cli.simulate:simulate", "Replay a plan in physics."),
+    "show": ("drake_hand.cli.show:show", "Watch a plan in the browser."),
+    "plot": ("drake_hand.cli.plot:plot", "Draw a plan, or the record of a run, as figures."),
+    "export": ("drake_hand.cli.export:export", "Write a plan for another player: CSV, npz, ROS 2."),
+    "execute": ("drake_hand.cli.drives_execute:execute", "Play a plan on motor drives, real or simulated."),
+    "drives": ("drake_hand.cli.drives:app", "Scan, inspect, switch off, move and simulate drives."),
     "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),
     "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
     "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),
@@ -74,8 +75,8 @@ def run(tokens: Sequence[str]) -> int:
         return report_error(InputError(f"cannot use file: {e.strerror or e}", file=e.filename), as_json)
     except UnicodeEncodeError as e:
         return report_error(InputError(f"the output takes only {e.encoding}; set PYTHONIOENCODING=utf-8"), as_json)
-    except KeyboardInterrupt:
-        print("drake-hand: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as e:
+        print(f"drake-hand: {str(e) or 'interrupted'}", file=sys.stderr)
         return 130
     except Exception as e:
         if os.environ.get(TRACEBACK):

@@ -174,7 +174,7 @@ def _certificate(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 
 def _physics(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand import api
-    from drake_hand.physics.replay import simulate
+    from drake_hand.physics.runs import simulate
 
     plan = api.plan(turned(Task.load("spin"), 90.0), seed=seed)
     yield "realtime_factor", [simulate(plan, perturb=False).realtime_factor for _ in range(runs)]
@@ -194,7 +194,7 @@ def turned(task: Task, angle_deg: float, *, fingers: list[str] | None = None) ->
 
 
 def _machine() -> dict[str, Any]:
-    from drake_hand.physics.replay import cores
+    from drake_hand.physics.runs import cores
 
     return {"cpu": _cpu(), "cores": cores(), "system": f"{platform.system()} {platform.machine()}"}
 

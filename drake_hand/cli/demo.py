@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from drake_hand.cli import plans
+from drake_hand.cli.simulate import simulate
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
@@ -21,7 +22,8 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     Args:
         output: the folder to write to.
     """
-    from drake_hand.cli import drives
+    from drake_hand.cli import drives_execute
+    from drake_hand.cli.plot import plot
 
     output.mkdir(exist_ok=True)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
@@ -29,10 +31,10 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     steps = {
         "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
         "Prove it again, from its file alone": lambda: plans.check(file),
-        "Replay it in physics": lambda: plans.simulate(file, html=physics),
-        "Play it on simulated drives": lambda: drives.execute(file, drives="kanguera", simulate=True, log=run),
-        "Draw the plan": lambda: plans.plot(file, output=output / "figures"),
-        "Draw the run": lambda: plans.plot(run, output=output / "figures" / "run"),
+        "Replay it in physics": lambda: simulate(file, html=physics),
+        "Play it on simulated drives": lambda: drives_execute.execute(file, drives="kanguera", simulate=True, log=run),
+        "Draw the plan": lambda: plot(file, output=output / "figures"),
+        "Draw the run": lambda: plot(run, output=output / "figures" / "run"),
     }
     for number, (title, step) in enumerate(steps.items(), start=1):
         print(f"\n[{number}/{len(steps)}] {title}\n", flush=True)

@@ -26,6 +26,7 @@ def simulate(
     interface: str = "udp_multicast",
     channel: str | None = None,
     at: Path | None = None,
+    no_zero: bool = False,
     log: Path | None = None,
     faults: Path | None = None,
     settings: Path | None = None,
@@ -46,6 +47,7 @@ def simulate(
         interface: python-can interface.
         channel: its channel; of udp_multicast 239.74.163.2:43113 unless given.
         at: plan whose first point the motors start at; without it they start at encoder count 0.
+        no_zero: switched on just now: the encoders count from where they are, until `drives zero`.
         log: writes the timeline of status words and positions there (JSON lines).
         faults: schedule of faults (YAML).
         settings: JSON file that keeps the parameters stored in the drives, across restarts.
@@ -59,7 +61,7 @@ def simulate(
     with (
         open_bus(found.bus, interface, channel) as bus,
         SimulatedDrives(
-            bus, found, q=_first(at, found), log=log, faults=schedule, seed=seed, settings=settings
+            bus, found, q=_first(at, found), zeroed=not no_zero, log=log, faults=schedule, seed=seed, settings=settings
         ) as simulated,
     ):
         where = " ".join(f"{k} {v}" for k, v in found.bus.arguments(interface, channel).items())

@@ -9,14 +9,16 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from drake_hand.cli.output import print_json, print_table
+from drake_hand.files import write_atomic
 
 app = App(name="hand", help="Examine a hand model, bring in your own.")
+app.command("drake_hand.cli.show:show_hand", name="show")
 
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 
 
 @app.command
-def check(hand: str, /, *, json: bool = False) -> int:
+def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
     """Say what a hand model consists of and what is wrong with it.
 
     Exit status: 0 ready for planning, 1 something prevents planning, 2 the model cannot be read.
@@ -24,27 +26,40 @@ def check(hand: str, /, *, json: bool = False) -> int:
     ```console
     $ drake-hand hand check kanguera
     $ drake-hand hand check my_hand.urdf --json
+    $ drake-hand hand check my.hand.yaml --png my_hand.png
     ```
 
     Args:
         hand: a bundled name, a hand file, or a URDF, in which fingers are then looked for.
+        png: also draw the hand: where its palm faces, the order of its fingers, tip spheres, how far joints go.
         json: print one JSON object on stdout.
     """
     from drake_hand.model.check import check as examine
+    from drake_hand.model.check import load
 
     report = examine(hand)
+    if png:
+        from drake_hand.view.hand_picture import draw_hand
+
+        write_atomic(png, draw_hand(load(hand)[0]))
     status = 1 if report.problems else 0
     if json:
         print_json({"status": "problems" if status else "ok", **dataclasses.asdict(report)})
         return status
     rows = (
-        (f["name"], f["tip_link"], f["tip_radius_mm"], f["tip_home_mm"], ", ".join(f["joints"])) for f in report.fingers
+        (
+            *(f[key] for key in ("name", "tip_link", "tip_radius_mm", "tip_error_mm", "sticks_out_mm", "tip_home_mm")),
+            ", ".join(f["joints"]),
+        )
+        for f in report.fingers
     )
     print_table(
         f"{report.name}: {len(report.fingers)} fingers on {report.palm}",
-        ["finger", "tip link", "radius mm>", "tip at home mm", "commanded joints"],
+        ["finger", "tip link", "radius mm>", "error mm>", "sticks out mm>", "tip at home mm", "commanded joints"],
         rows,
     )
+    thumb = f"the {report.thumb} opposes the others" if report.thumb else "no finger opposes all others"
+    print(f"the palm faces {report.palm_direction}, fingers point {report.finger_direction}; {thumb}")
     print_table(
         f"{len(report.joints)} moving joints (deg, deg/s, Nm)",
         ["joint", "finger", "lower>", "upper>", "speed>", "effort>", "follows"],
@@ -58,7 +73,7 @@ def check(hand: str, /, *, json: bool = False) -> int:
 
 
 @app.command
-def init(urdf: Path, /, *, output: Output) -> int:
+def init(urdf: Path, /, *, output: Output, json: bool = False) -> int:
     """Propose a hand file for a URDF: its fingers, their tips and what to look at.
 
     ```console
@@ -69,16 +84,20 @@ def init(urdf: Path, /, *, output: Output) -> int:
     Args:
         urdf: the model.
         output: the hand file to write, *.hand.yaml.
+        json: print one JSON object on stdout.
     """
     from drake_hand.model.check import init as write_proposal
 
     proposal = write_proposal(urdf, output)
+    if json:
+        print_json({"status": "written", "output": str(output), "remarks": list(proposal.remarks)})
+        return 0
     print("\n  - ".join([f"wrote {output}; look at:", *proposal.remarks]))
     return 0
 
 
 @app.command
-def convert(urdf: Path, /, *, output: Output) -> int:
+def convert(urdf: Path, /, *, output: Output, json: bool = False) -> int:
     """Write a copy of a URDF that Drake reads: meshes as OBJ, relative paths, sound inertias, transmissions.
 
     ```console
@@ -88,9 +107,13 @@ def convert(urdf: Path, /, *, output: Output) -> int:
     Args:
         urdf: the model.
         output: a folder other than the model's.
+        json: print one JSON object on stdout.
     """
     from drake_hand.model.readable import convert as write_readable
 
     report = write_readable(urdf, output)
+    if json:
+        print_json({"status": "written", "output": str(output / urdf.name), "repaired": report})
+        return 0
     print("\n  - ".join([f"wrote {output / urdf.name}", *report]))
     return 0

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import signal
 import sys
+import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -19,6 +21,8 @@ from drake_hand.epos.mirror_view import open_view
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.state import State
 from drake_hand.model.hand import Hand
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.whereabouts import Whereabouts
 
 _PERIOD_S = 0.05
 _LINE_S = 0.25
@@ -30,10 +34,16 @@ def mirror(
     *,
     drives: str = "kanguera",
     hand: str = "kanguera",
+    plan: Path | None = None,
     interface: str | None = None,
     channel: str | None = None,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    open: bool = False,
 ) -> int:
-    """Show the hand as measured (solid) and as commanded (ghost), live, until Ctrl-C.
+    """Show the hand as measured (solid) and as commanded (ghost), live, until Ctrl-C; every joint's numbers beside it.
+
+    Links turn red as their joint's error grows.
 
     It listens on the bus beside `execute` and never sends a frame. Given the record of a run, it replays that instead,
     over and over.
@@ -41,6 +51,7 @@ def mirror(
     ```console
     $ drake-hand mirror
     $ drake-hand mirror --interface udp_multicast --channel 239.74.163.2:43113
+    $ drake-hand mirror --plan spin.plan.json --host 0.0.0.0 --port 7100
     $ drake-hand mirror today.run.npz
     ```
 
@@ -48,16 +59,31 @@ def mirror(
         run: record of a run (.run.npz), instead of a bus.
         drives: a bundled name (kanguera) or a drives file.
         hand: a bundled name or a hand file.
+        plan: what is played: its object is shown where the plan has it, and time and part are told.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
+        host: address to serve the page on; only this computer can see it unless given.
+        port: its port; any that is free unless given.
+        open: open the page in the browser here.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with suppress(KeyboardInterrupt):
-        _mirror(run, drives, Hand.load(hand).urdf.file, interface, channel)
+        shown = Plan.load(plan) if plan else None
+        _mirror(run, drives, Hand.load(hand).urdf.file, interface, channel, shown, host, port, open)
     return 0
 
 
-def _mirror(run: Path | None, drives: str, urdf: Path, interface: str | None, channel: str | None) -> None:
+def _mirror(
+    run: Path | None,
+    drives: str,
+    urdf: Path,
+    interface: str | None,
+    channel: str | None,
+    plan: Plan | None,
+    host: str,
+    port: int | None,
+    open_: bool,
+) -> None:
     with ExitStack() as stack:
         if run is None:
             found = Drives.load(drives)
@@ -68,22 +94,44 @@ def _mirror(run: Path | None, drives: str, urdf: Path, interface: str | None, ch
             record = RunRecord.load(run)
             joints = tuple(record.header.joints)
             poses = chain.from_iterable(replay(record, _PERIOD_S) for _ in count())
-        view = stack.enter_context(open_view(urdf, joints))
+        view = stack.enter_context(open_view(urdf, joints, host, port))
+        where = Whereabouts(plan, joints) if plan else None
+        if plan:
+            view.add_object(*_mesh(plan))
         print(view.url, flush=True)
-        for pose in _reporting(poses, joints):
-            view.show(pose)
+        seen = "this computer only" if host in ("127.0.0.1", "localhost", "::1") else "whoever reaches this address"
+        print(f"seen by {seen} (--host)", file=sys.stderr)
+        if open_:
+            webbrowser.open(view.url)
+        for pose, words in _reporting(poses, joints, where):
+            view.show(pose, where.X_WO if where else None, words)
 
 
-def _reporting(poses: Iterator[Pose], joints: tuple[str, ...]) -> Iterator[Pose]:
-    """Passes poses on; says on a terminal, a few times a second, what they show."""
-    console = Console(file=sys.stderr)
-    with console.status("listening") as status:
+def _mesh(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) and faces (f, 3) of a plan's object."""
+    import trimesh
+
+    from drake_hand.model.object import Object
+
+    body: Any = trimesh.util.concatenate([g.to_trimesh() for g in Object.load(plan.task.object).geometries])
+    return np.asarray(body.vertices), np.asarray(body.faces)
+
+
+def _reporting(poses: Iterator[Pose], joints: tuple[str, ...], where: Whereabouts | None) -> Iterator[tuple[Pose, str]]:
+    """Passes poses on with what they show in words, which a terminal is told a few times a second."""
+    console, begun, words = Console(file=sys.stderr), None, "listening"
+    with console.status(words) as status:
         said = -np.inf
         for pose in poses:
+            begun = pose.t if begun is None else begun
+            if where:
+                where.look(pose.commanded)
             if pose.t - said >= _LINE_S:
                 said = pose.t
-                status.update(describe(pose, joints))
-            yield pose
+                place = where.words if where else f"{pose.t - begun:.1f} s"
+                words = f"{place}; {describe(pose, joints)}"
+                status.update(words)
+            yield pose, words
 
 
 def describe(pose: Pose, joints: tuple[str, ...]) -> str:

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -61,6 +62,17 @@ def error_answer(e: DrakeHandError) -> dict[str, Any]:
         known = {k: str(v) for k in names if (v := getattr(e, k)) is not None}
         return {"status": "error", "reason": e.message, **known}
     return {"status": "error", "reason": str(e)}
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Adds the file to errors that know what is wrong, but not where it was read."""
+    try:
+        yield
+    except InputError as e:
+        if e.file is not None:
+            raise
+        raise e.within(file) from e
 
 
 @contextmanager

@@ -1,10 +1,8 @@
-"""Commands about plans: plan, check, simulate, show, plot."""
+"""Commands about plans: plan, check."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +10,11 @@ import msgspec
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from drake_hand.cli.output import error_answer, print_json, print_table, progress_display
-from drake_hand.errors import InputError
+from drake_hand.cli.output import error_answer, naming, print_json, progress_display
+from drake_hand.cli.verdict import print_certificate, print_plan
+from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.files import require_folder, resolve, write_atomic
-from drake_hand.plans.plan import Certificate, Plan, Worst
+from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ def plan(
     html: Path | None = None,
     seed: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
     time_limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
+    everything: Annotated[bool, Parameter(name="--all")] = False,
     json: bool = False,
 ) -> int:
     """Find a certified plan for a task.
@@ -44,9 +44,10 @@ def plan(
     Args:
         task: a bundled name (spin, paper, twirl, carry) or a task file.
         output: the plan file; TASK.plan.json here if not given.
-        html: also write a standalone page to watch it.
+        html: also write a standalone page to watch it, or to see what blocked.
         seed: instead of the task's.
         time_limit: seconds, instead of the task's.
+        everything: print every part and every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
@@ -57,8 +58,13 @@ def plan(
     for written in (output, html):
         if written:
             require_folder(written)
-    with _naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
-        result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+    with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
+        try:
+            result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+        except NoPlanFound as e:
+            if html:  # instead of the page of an older plan
+                write_atomic(html, api.show_failure(task, e))
+            raise
     found = result.plan
     page = api.show(found) if html else None
     found.save(output)
@@ -77,32 +83,31 @@ def plan(
             }
         )
         return 0
-    _print_parts(found)
-    if found.certificate:
-        _print_certificate(found.certificate)
-    print(f"certified: {len(found.parts)} parts, {result.regrasps} regrasps, {found.duration:.1f} s of motion")
+    print_plan(found, regrasps=result.regrasps, everything=everything)
     print(_times(result))
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
 
 
-def check(file: Path, /, *, json: bool = False) -> int:
+def check(file: Path, /, *, everything: Annotated[bool, Parameter(name="--all")] = False, json: bool = False) -> int:
     """Prove a plan again, from its file alone.
 
     Exit status: 0 certified, 1 not certified (says what fails, and where), 2 not a plan, or edited since it was made.
 
     ```console
     $ drake-hand check spin.plan.json
+    $ drake-hand check spin.plan.json --all
     ```
 
     Args:
         file: the plan file.
+        everything: print every figure of the certificate.
         json: print one JSON object on stdout.
     """
     from drake_hand import api
 
     subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
+    with naming(file), progress_display(quiet=json) as progress:
         certificate = api.check(subject, progress=progress)
     edited = _edited(subject, file)
     certified = certificate.certified and edited is None
@@ -110,131 +115,11 @@ def check(file: Path, /, *, json: bool = False) -> int:
         answer = msgspec.to_builtins(certificate) | {"certified": certified}
         print_json(answer | (error_answer(edited) if edited else {}))
     else:
-        _print_certificate(certificate)
-        print("certified" if certified else "NOT certified")
+        print_certificate(msgspec.structs.replace(certificate, certified=certified), subject, everything=everything)
     if edited:
         print(f"drake-hand: {edited}", file=sys.stderr)
         return edited.exit_status
     return 0 if certified else 1
-
-
-def simulate(
-    file: Path,
-    /,
-    *,
-    html: Path | None = None,
-    runs: Annotated[int, Parameter(validator=Number(gte=1))] = 1,
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
-    json: bool = False,
-) -> int:
-    """Replay a plan in physics: does the object stay in the hand, and where does it end?
-
-    One run is as planned; of more, every one has its own friction, mass, stiffness (20 %) and start pose (1 mm, 2 deg).
-    A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
-    Exit status: 0 no run dropped the object, 1 one did, 2 wrong input.
-
-    ```console
-    $ drake-hand simulate spin.plan.json --html spin-physics.html
-    $ drake-hand simulate spin.plan.json --runs 20 --json
-    ```
-
-    Args:
-        file: the plan file.
-        html: also write a page of the unperturbed run: what was planned faint, contact forces as arrows.
-        runs: how many.
-        seed: of the perturbations.
-        json: print one JSON object on stdout.
-    """
-    from drake_hand.physics.replay import simulate as replay
-    from drake_hand.view.replay import render_replay
-
-    subject = Plan.load(file)
-    with _naming(file), progress_display(quiet=json) as progress:
-        pages: list[str] = []
-        watch = (lambda run, record: pages.append(render_replay(subject, run, record))) if html else None
-        result = replay(subject, runs=runs, seed=seed, watch=watch, progress=progress)
-    if json:
-        print_json(msgspec.to_builtins(result))
-    else:
-        print_table(
-            f"Physics ({result.contact} contact, friction {result.friction:g})",
-            ["run>", "", "position mm>", "tilt deg>", "rotation deg>", "rotated deg>", "slip mm>"],
-            [
-                (
-                    i,
-                    "dropped" if r.dropped else "ok" if r.success else "off",
-                    *(r.position_error_mm, r.tilt_error_deg, r.rotation_error_deg, r.rotated_deg, r.slip_mm),
-                )
-                for i, r in enumerate(result.runs)
-            ],
-        )
-        print(f"success rate {result.success_rate:.0%}, {result.realtime_factor:.2g} x real time")
-    if html:
-        write_atomic(html, pages[0])
-        if not json:
-            print(f"wrote {html}")
-    return 1 if result.dropped else 0
-
-
-def show(file: Path, /, *, html: Path | None = None) -> None:
-    """Watch a plan in the browser: play, pause, scrub, the mode and its timeline beside the hand.
-
-    ```console
-    $ drake-hand show spin.plan.json
-    $ drake-hand show spin.plan.json --html spin.html
-    ```
-
-    Args:
-        file: the plan file.
-        html: write a standalone page there instead of serving it.
-    """
-    from drake_hand import api
-    from drake_hand.view.show import serve
-
-    with _naming(file):
-        page = api.show(Plan.load(file))
-    if html:
-        write_atomic(html, page)
-        print(f"wrote {html}")
-    else:
-        serve(page, lambda url: print(f"{file.name} is at {url} (Ctrl-C ends)", flush=True))
-
-
-def plot(file: Path, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
-    """Draw a plan as figures: modes, joints and speeds against limits, object, contacts, forces.
-
-    ```console
-    $ drake-hand plot spin.plan.json -o figures
-    $ drake-hand plot spin.run.npz -o figures
-    ```
-
-    Args:
-        file: the plan file, or the record of a run of `execute`.
-        output: the folder for the PNG files.
-    """
-    from drake_hand.epos import record
-    from drake_hand.model.hand import Hand
-    from drake_hand.view.figures import draw_plan
-    from drake_hand.view.run_figures import draw_run
-
-    if file.name.endswith(record.SUFFIX):
-        files = draw_run(record.RunRecord.load(file), output)
-    else:
-        subject = Plan.load(file)
-        files = draw_plan(subject, Hand.load(subject.task.hand), output)
-    for written in files:
-        print(f"wrote {written}")
-
-
-@contextmanager
-def _naming(file: Path) -> Iterator[None]:
-    """Adds the file to errors that know what is wrong, but not where it was read."""
-    try:
-        yield
-    except InputError as e:
-        if e.file is not None:
-            raise
-        raise e.within(file) from e
 
 
 def _times(result: PlanResult) -> str:
@@ -266,30 +151,3 @@ def _edited(subject: Plan, file: Path) -> InputError | None:
         found=subject.certificate.plan_hash,
         expected=f"{subject.hash} (the hash of what the file holds now)",
     )
-
-
-def _print_parts(subject: Plan) -> None:
-    print_table(
-        "Parts",
-        ["#>", "mode", "start s>", "end s>", "event"],
-        [(i, p.mode, f"{p.t[0]:.2f}", f"{p.t[-1]:.2f}", ", ".join(p.events)) for i, p in enumerate(subject.parts)],
-    )
-
-
-def _print_certificate(certificate: Certificate) -> None:
-    def place(w: Worst) -> str:
-        when = f"{w.time_s:.3f} s" if w.time_s is not None else ""
-        return ", ".join(x for x in (when, f"part {w.part}" if w.part is not None else "", w.where) if x)
-
-    print_table(
-        f"Certificate ({certificate.samples} samples)",
-        ["", "worst>", "limit>", "", "where"],
-        [
-            (name, "-" if w.value is None else w.value, w.limit, "ok" if w.ok else "FAILS", place(w))
-            for name, w in certificate.worst.items()
-        ],
-    )
-    if certificate.worst["force_margin"].value is None:
-        print("hold: kinematic - the plan closes the loops; no contact forces were planned or checked")
-    for failure in certificate.failures:
-        print(f"fails: {failure}")

@@ -10,11 +10,11 @@ from drake_hand.epos.axis import AxisState
 class Backend(Protocol):
     """Plays one column of a schedule on one drive.
 
-    Step j is latched by the SYNC j periods after the first of the motion; a drive's demand at that SYNC is row j.
+    It is played stretch by stretch, from rest to rest. Step j is latched by the SYNC at which the demand is row j.
     """
 
-    def prime(self) -> list[bytes]:
-        """Records to load before the motion, payloads of the record PDO."""
+    def prime(self, first: int, last: int) -> list[bytes]:
+        """Takes up the stretch from row `first` to `last`; records to load before it, payloads of the record PDO."""
 
     def primed(self, axis: AxisState) -> bool:
         """Whether the drive has all of them and no complaint."""

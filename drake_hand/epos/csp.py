@@ -17,11 +17,12 @@ class CspBackend:
     """
 
     def __init__(self, schedule: Schedule, column: int) -> None:
-        self._counts = schedule.counts[:, column]
+        self._counts, self._last = schedule.counts[:, column], schedule.last
         self._command = LAYOUT[schedule.drives.drives[column].type].command
 
-    def prime(self) -> list[bytes]:
+    def prime(self, first: int, last: int) -> list[bytes]:
         """Nothing: there is no queue."""
+        self._last = last
         return []
 
     def primed(self, axis: AxisState) -> bool:
@@ -34,7 +35,7 @@ class CspBackend:
 
     def command(self, j: int) -> bytes | None:
         """The row after: it is reached by the next SYNC."""
-        return self._command.pack(Control.ENABLE, int(self._counts[min(j + 1, len(self._counts) - 1)]))
+        return self._command.pack(Control.ENABLE, int(self._counts[min(j + 1, self._last)]))
 
     def feed(self, j: int, axis: AxisState) -> list[bytes]:
         """Nothing."""

@@ -12,7 +12,7 @@ from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import Master, SdoError, for_all
 from drake_hand.epos.objects import DriveType, Obj
-from drake_hand.epos.state import Control, State, decode_state, status_words
+from drake_hand.epos.state import HOMED, Control, State, decode_state, status_words
 from drake_hand.errors import DriveError
 
 TYPES: tuple[DriveType, ...] = get_args(DriveType)
@@ -96,7 +96,8 @@ def mismatches(master: Master, drives: Drives) -> tuple[list[str], list[Drive]]:
         return ["no node answers: is the bus powered, terminated, and at the bitrate of the drives?"], []
     expected = {d.node: d for d in drives.drives}
     problems = [f"{d.joint} (node {n}): no answer" for n, d in expected.items() if n not in present]
-    problems += [f"node {n}: on the bus, but not in {drives.file.name}" for n in sorted(present - set(expected))]
+    strangers = present - set(expected) - {d.node for d in drives.spared}
+    problems += [f"node {n}: on the bus, but not in {drives.file.name}" for n in sorted(strangers)]
     answering = [d for d in drives.drives if d.node in present]
     return problems + [p for lines in for_all(lambda d: _wrong(master, d), answering) for p in lines], answering
 
@@ -176,6 +177,15 @@ def not_ready(found: Sequence[Condition]) -> list[str]:
         elif c.state is State.UNKNOWN:
             problems.append(f"{c.drive.joint} (node {c.drive.node}): status word {c.words} is none of its type")
     return problems
+
+
+def without_zero(found: Sequence[Condition]) -> list[str]:
+    """Drives whose zero is not known since they were switched on, one line each."""
+    return [
+        f"{c.drive.joint} (node {c.drive.node}): its zero is not known since it was switched on (drives zero)"
+        for c in found
+        if not c.statusword & HOMED
+    ]
 
 
 def outside_soft_limits(found: Sequence[Condition], drives: Drives, counts: np.ndarray) -> list[str]:

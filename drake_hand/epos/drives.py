@@ -9,8 +9,8 @@ Units: joints rad, rad/s, rad/s^2; motors counts (quadrature, 4 x encoder lines)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -59,6 +59,13 @@ class DriveSpec(_Strict, frozen=True, kw_only=True):
     """Joint angle at which the drive's position is 0."""
     max_speed_rpm: _Positive | None = None
     max_acceleration_rpm_s: _Positive | None = None
+    stop_deg: float | None = None
+    """Joint angle at its mechanical stop; homing needs it."""
+    stop_side: Literal["lower", "upper"] | None = None
+    """Whether that stop ends the joint's travel downwards or upwards."""
+    homing_current_ma: Annotated[int, Meta(gt=0)] | None = None
+    """Motor current at which homing takes the joint to be on its stop."""
+    homing_speed_rpm: _Positive | None = None
     following_error_counts: Annotated[int, Meta(gt=0)] | None = None
     """The drive's own window (0x6065): beyond it it goes into fault."""
 
@@ -91,6 +98,12 @@ class Drive:
     """rad."""
     max_speed_rpm: float
     max_acceleration_rpm_s: float
+    stop: float | None
+    """rad."""
+    stop_side: int
+    """1 at the upper end of the joint's travel, -1 at the lower."""
+    homing_current_ma: int
+    homing_speed_rpm: float
     following_error_counts: int
 
     @property
@@ -108,6 +121,9 @@ _DEFAULTS = DriveSpec(
     zero_offset_deg=0.0,
     max_speed_rpm=16000.0,
     max_acceleration_rpm_s=200_000.0,
+    stop_side="lower",
+    homing_current_ma=100,
+    homing_speed_rpm=300.0,
     following_error_counts=60,
 )
 
@@ -124,6 +140,8 @@ class Drives:
     drives: tuple[Drive, ...]
     coupling: np.ndarray
     """(n, n) C, a row per drive, a column per joint."""
+    spared: tuple[Drive, ...] = ()
+    """Further drives of the file, which may be on the bus and are left alone."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -156,20 +174,46 @@ class Drives:
             (n,) column of each drive's joint.
 
         Raises:
-            InputError: a joint has no drive, or a drive's joint is not there; lists all.
+            InputError: a drive's joint is not there; lists all.
         """
-        missing, extra = [j for j in joints if j not in self.joints], [j for j in self.joints if j not in joints]
-        if missing or extra:
-            found = [f"no drive for {', '.join(missing)}"] * bool(missing)
-            found += [f"drive for unknown {', '.join(extra)}"] * bool(extra)
+        extra = [j for j in self.joints if j not in joints]
+        if extra:
             raise InputError(
                 "drives and plan are not for the same joints",
                 file=self.file,
                 key="joints",
-                found="; ".join(found),
+                found=f"drive for unknown {', '.join(extra)}",
                 expected=", ".join(joints),
             )
         return np.array([list(joints).index(j) for j in self.joints])
+
+    def alone(self, i: int) -> bool:
+        """Whether drive i moves its joint and no other, and no other moves it."""
+        others = np.arange(len(self.drives)) != i
+        return not self.coupling[i, others].any() and not self.coupling[others, i].any()
+
+    def only(self, joints: Collection[str]) -> Drives:
+        """The drives of some joints; the others are spared.
+
+        Raises:
+            InputError: none of these joints has a drive, or one shares cables with a joint that is left out.
+        """
+        keep = [i for i, j in enumerate(self.joints) if j in joints]
+        if not keep:
+            known = ", ".join(self.joints)
+            raise InputError("no drive for these joints", file=self.file, found=", ".join(joints), expected=known)
+        rest = [i for i in range(len(self.joints)) if i not in keep]
+        for k in keep:
+            for i in rest:
+                if self.coupling[k, i] or self.coupling[i, k]:
+                    a, b = self.joints[k], self.joints[i]
+                    raise InputError(f"{a} shares cables with {b}", file=self.file, key="coupling", expected="both")
+        return replace(
+            self,
+            drives=tuple(self.drives[i] for i in keep),
+            coupling=self.coupling[np.ix_(keep, keep)],
+            spared=(*self.spared, *(self.drives[i] for i in rest)),
+        )
 
     def counts_from_joints(self, q: np.ndarray) -> np.ndarray:
         """Motor positions of joint positions.
@@ -260,7 +304,15 @@ def _drive(joint: str, values: dict[str, Any]) -> Drive:
         vendor=known.vendor if vendor is None else vendor, product=known.product if product is None else product
     )
     zero_offset = math.radians(values.pop("zero_offset_deg"))
-    return Drive(joint=joint, identity=identity, zero_offset=zero_offset, **values)
+    stop, side = values.pop("stop_deg"), values.pop("stop_side")
+    return Drive(
+        joint=joint,
+        identity=identity,
+        zero_offset=zero_offset,
+        stop=None if stop is None else math.radians(stop),
+        stop_side=1 if side == "upper" else -1,
+        **values,
+    )
 
 
 def _coupling(spec: DrivesFile, file: Path) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,21 +17,21 @@ import numpy as np
 
 from drake_hand import __version__
 from drake_hand.epos import discovery
+from drake_hand.epos.clock import OWN, Clock
 from drake_hand.epos.configure import configure, release
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
+from drake_hand.epos.person import AGREES, Person
 from drake_hand.epos.player import Player
 from drake_hand.epos.preflight import Refused, check
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError, DriveTimeout
 from drake_hand.plans.plan import Plan
 
 PROGRESS_S = 0.2
-HANGS_S = 1.0
-"""Time without a SYNC after which the interface is given up."""
 STOP_WITHIN_S = 5.0
 """Time the bus thread is given for a stop, before the main thread disables the drives by SDO."""
 _BEATS = 4
@@ -58,6 +58,8 @@ class Run:
     record: RunRecord
     start_skew: int
     """SYNCs between the first and the last drive that began to play."""
+    wants_open: bool = False
+    """Whether the person wants the hand, now off, to be opened."""
 
     @property
     def ok(self) -> bool:
@@ -96,37 +98,51 @@ def execute(
     drives: Drives,
     bus: can.BusABC,
     *,
+    excerpt: Excerpt = WHOLE,
+    problems: Sequence[str] = (),
+    person: Person = AGREES,
+    hold: bool = False,
+    clock: Clock = OWN,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
     """Checks everything, plays a plan, and leaves every drive disabled.
 
-    Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once.
+    Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once. Where
+    `hold`, Ctrl-C while the plan's fingers touch the object halts the hand first, which goes on holding: the person
+    decides, and the next Ctrl-C stops.
 
     Args:
         plan: certified.
         drives: of the hand.
         bus: open; stays the caller's to shut down.
+        excerpt: what of the plan is played.
+        problems: what is known to be wrong already, one line each.
+        person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
+        clock: of the bus, where simulated drives share one.
+        hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
         progress: called a few times a second.
 
     Raises:
-        Refused: something is not as it has to be; no drive was enabled.
+        Refused: something is not as it has to be, or the person does not agree; no drive was enabled.
     """
-    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
+    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3, clock=clock) as master:
         progress(Progress(stage="looking for drives"))
-        schedule = check(master, plan, drives)
+        schedule = check(master, plan, drives, excerpt, problems)
+        if not person.agrees(schedule):
+            raise Refused(["not agreed to"], wrong_input=False, disabled=True)
         progress(Progress(stage="configuring"))
         off = list(drives.drives)
         try:
-            problems = configure(master, drives.drives, drives.bus) or _operational(master, drives)
-            problems += [
+            found = configure(master, drives.drives, drives.bus) or _operational(master, drives)
+            found += [
                 f"node {e.node}: EMCY {emcy_words(e.code)} while being configured" for e in master.emergencies if e.code
             ]
-            if problems:
-                raise Refused(problems, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
+            if found:
+                raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
-            run = _play(master, plan, schedule, str(bus.channel_info), progress, off)
+            run = _play(master, plan, schedule, str(bus.channel_info), person, hold, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
             release(master, off)
@@ -154,7 +170,7 @@ def reset_faults(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]
 
 def _operational(master: Master, drives: Drives) -> list[str]:
     """Starts the nodes and waits until each is heard to be operational; those that are not."""
-    since = time.monotonic()
+    since = master.clock.now()
     master.nmt(NMT_OPERATIONAL)
 
     def quiet() -> list[str]:
@@ -165,7 +181,7 @@ def _operational(master: Master, drives: Drives) -> list[str]:
         ]
 
     end = since + _BEATS * drives.bus.heartbeat_ms * 1e-3
-    while quiet() and time.monotonic() < end:
+    while quiet() and master.clock.now() < end:
         time.sleep(0.01)
     return quiet()
 
@@ -175,18 +191,21 @@ def _play(
     plan: Plan,
     schedule: Schedule,
     bus_name: str,
+    person: Person,
+    hold: bool,
     progress: Callable[[Progress], None],
     off: list[Drive],
 ) -> Run:
     """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
     drives = schedule.drives
-    player = Player(schedule, master.send)
+    player = Player(schedule, master.send, master.clock.tell)
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    with quiet_interpreter(), _signals(player):
+    wants_open = False
+    with quiet_interpreter(), _signals(player, _touching(plan) if hold else []):
         master.attach(player, schedule.period)
         failure: BaseException | None = None
         try:
-            _watch(player, plan.duration, progress)
+            wants_open = _watch(player, person, progress, master.clock.hangs_s)
         except BaseException as e:
             failure = e
             player.request_stop("internal", f"{type(e).__name__}: {e}")
@@ -208,38 +227,48 @@ def _play(
         nodes=list(drives.nodes),
         types=[str(d.type) for d in drives.drives],
         sync_ms=drives.bus.sync_ms,
-        lead=schedule.lead,
         bus=bus_name,
         realtime=master.realtime,
         ok=not faults and not not_disabled,
         faults=faults,
         not_disabled=not_disabled,
     )
-    return Run(record=player.log.record(header), start_skew=player.start_skew)
+    return Run(record=player.log.record(header), start_skew=player.start_skew, wants_open=wants_open)
 
 
-def _watch(player: Player, duration: float, progress: Callable[[Progress], None]) -> None:
-    """Reports until the run is over.
+def _touching(plan: Plan) -> list[tuple[float, float]]:
+    """From when to when fingers touch the object, part by part, s."""
+    return [(p.t[0], p.t[-1]) for p in plan.parts if p.contacts]
+
+
+def _watch(player: Player, person: Person, progress: Callable[[Progress], None], hangs_s: float) -> bool:
+    """Reports, and asks at pauses and while the hand holds, until the run is over; whether it is to be opened then.
 
     Raises:
         DriveTimeout: the bus thread hangs: no SYNC goes out any more.
     """
-    syncs, stuck = -1, 0
+    syncs, stuck, end = -1, 0, float(player.schedule.plan_time[-1])
+    decision = None
     while not player.done.wait(PROGRESS_S):
         stuck = stuck + 1 if player.watch.sync == syncs else 0
         syncs = player.watch.sync
-        if stuck * PROGRESS_S > HANGS_S:
+        if stuck * PROGRESS_S > hangs_s:
             raise DriveTimeout("the CAN interface hangs: no SYNC goes out; the drives stop by themselves")
+        if player.waiting is not None and person.goes_on(player.waiting):
+            player.go_on()
+        if player.stage == "holding" and decision is None and (decision := person.decides()):
+            player.request_stop("interrupt", f"interrupted, then {decision}")
         when, tracking, late = player.log.latest()
         progress(
             Progress(
                 stage=player.stage,
-                fraction=min(max(when, 0.0) / duration, 1.0),
+                fraction=min(max(when, 0.0) / end, 1.0),
                 time_s=max(when, 0.0),
                 tracking_deg=tracking,
                 sync_late_ms=late,
             )
         )
+    return decision == "open"
 
 
 def _with_history(master: Master, fault: Fault) -> Fault:
@@ -254,15 +283,22 @@ def _with_history(master: Master, fault: Fault) -> Fault:
 
 
 @contextmanager
-def _signals(player: Player) -> Iterator[None]:
-    """Ctrl-C and SIGTERM become stops, while the main thread waits."""
+def _signals(player: Player, holding: Sequence[tuple[float, float]]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM become stops, while the main thread waits; the first Ctrl-C at a plan time to hold, a hold."""
+    interrupted = False
+
+    def handle(number: int, _: object) -> None:
+        nonlocal interrupted
+        now, first, interrupted = player.plan_time, not interrupted, True
+        if first and number == signal.SIGINT and any(a <= now <= b for a, b in holding):
+            player.request_hold()
+        else:
+            player.request_stop("interrupt", signal.Signals(number).name)
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {
-        s: signal.signal(s, lambda n, _: player.request_stop("interrupt", signal.Signals(n).name))
-        for s in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {s: signal.signal(s, handle) for s in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:

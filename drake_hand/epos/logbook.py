@@ -35,7 +35,7 @@ class Logbook:
 
     def __init__(self, schedule: Schedule) -> None:
         self._schedule = schedule
-        k, n = len(schedule.counts) + round(TAIL_S / schedule.period), len(schedule.drives.drives)
+        k, n = len(schedule.counts) + len(schedule.stops) + round(TAIL_S / schedule.period), len(schedule.drives.drives)
         self.rows = 0
         # filled, not just reserved: the memory of a run does not grow while it runs
         self._t, self._late = np.full(k, 0.0), np.full(k, 0.0)
@@ -80,6 +80,7 @@ class Logbook:
             t=self._t[:k] - (self._t[0] if k else 0.0),
             late_ms=self._late[:k],
             step=self._step[:k],
+            plan_time=self._schedule.plan_time[self._step[:k]],
             playing=self._playing[:k],
             commanded=self._schedule.q[self._step[:k]],
             measured=joints_where_known(drives, self._position[:k]),

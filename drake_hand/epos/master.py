@@ -22,6 +22,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from drake_hand.epos import realtime
+from drake_hand.epos.clock import OWN, Clock
 from drake_hand.epos.drives import BusSpec
 from drake_hand.epos.objects import DEVICE_TYPE, Obj, abort_words
 from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE, MASTER_NODE, NMT_COB, SDO_RX_BASE, SDO_TX_BASE
@@ -118,9 +119,10 @@ class Master:
     Args:
         bus: open; stays the caller's to shut down.
         heartbeat_s: period of the master's own heartbeat; none if not given.
+        clock: of SYNC, heartbeats and everything that waits for them.
     """
 
-    def __init__(self, bus: can.BusABC, *, heartbeat_s: float | None = None) -> None:
+    def __init__(self, bus: can.BusABC, *, heartbeat_s: float | None = None, clock: Clock = OWN) -> None:
         self.network = canopen.Network(bus)
         self.heard: dict[int, tuple[float, int]] = {}
         """Last heartbeat of each node: when, and its NMT state."""
@@ -131,7 +133,8 @@ class Master:
         self._clients: dict[int, canopen.sdo.SdoClient] = {}
         self._cyclic: Cyclic | None = None
         self._period = self._next_sync = 0.0
-        self._next_heartbeat = time.monotonic()
+        self.clock = clock
+        self._next_heartbeat = clock.now()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="can-bus", daemon=True)
 
@@ -217,7 +220,7 @@ class Master:
 
     def attach(self, cyclic: Cyclic, period: float) -> None:
         """Lets something run in the bus thread; ticks begin now."""
-        self._period, self._next_sync = period, time.monotonic() + period
+        self._period, self._next_sync = period, self.clock.now() + period
         self._cyclic = cyclic
 
     def detach(self) -> None:
@@ -238,16 +241,16 @@ class Master:
 
     def _step(self) -> None:
         """Waits for a frame until something is due, then does what is due."""
-        now = time.monotonic()
+        now = self.clock.now()
         due = now + 0.05
         if self._heartbeat_s:
             due = min(due, self._next_heartbeat)
         if self._cyclic:
             due = min(due, self._next_sync)
-        message = self._bus.recv(max(0.0, due - now))
+        message = self._bus.recv(max(0.0, self.clock.wait(due - now)))
         if message is not None:
             self._receive(message)
-        now = time.monotonic()
+        now = self.clock.now()
         if self._heartbeat_s and now >= self._next_heartbeat:
             self._next_heartbeat = max(self._next_heartbeat + self._heartbeat_s, now)
             self.send(HEARTBEAT_BASE + MASTER_NODE, bytes([HEARTBEAT_OPERATIONAL]))
@@ -256,7 +259,7 @@ class Master:
                 if (message := self._bus.recv(0)) is None:
                     break
                 self._receive(message)
-            now = time.monotonic()
+            now = self.clock.now()
             late = now - self._next_sync
             skipped = int(late / self._period)
             self._next_sync += (1 + skipped) * self._period  # never a burst to catch up
@@ -266,7 +269,7 @@ class Master:
     def _receive(self, message: can.Message) -> None:
         if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
             return
-        now, cob, data = time.monotonic(), message.arbitration_id, bytes(message.data)
+        now, cob, data = self.clock.now(), message.arbitration_id, bytes(message.data)
         if SDO_TX_BASE < cob < SDO_RX_BASE:
             self.network.notify(cob, bytearray(data), now)
         elif is_emcy(cob):

@@ -18,18 +18,32 @@ from typing import Any
 import numpy as np
 
 from drake_hand.epos.mirror import Pose
+from drake_hand.epos.mirror_page import PAGE
 from drake_hand.errors import DriveError, InputError, nearest
 
 _SOLID, _GHOST, _GHOST_OPACITY = 0xC8CDD2, 0x2F7FD6, 0.35
+_OBJECT = 0xE0A030
+_GREY, _RED = np.array([0.78, 0.80, 0.82]), np.array([0.85, 0.10, 0.10])
+_SHADES = 8
+RED_DEG = 5.0
+"""Error at which a link is all red."""
 _START_S = 10.0
 _STILL = 1e-5
 """Smallest change of a pose that is sent, m and rad."""
 
 
 class _Server:
-    """meshcat's bridge to the browser, in a thread; stands in for the window of a `meshcat.Visualizer`."""
+    """meshcat's bridge to the browser, in a thread; stands in for the window of a `meshcat.Visualizer`.
 
-    def __init__(self) -> None:
+    Args:
+        host: address it listens on, and no other.
+        port: its port; any that is free if not given.
+    """
+
+    def __init__(self, host: str, port: int | None) -> None:
+        self._host, self._port = host, port
+        self.state: dict = {}
+        """What the page's panel shows."""
         self._ready = threading.Event()
         self._error: Exception | None = None
         self._bridge: Any
@@ -37,11 +51,32 @@ class _Server:
         self._thread.start()
         if not self._ready.wait(_START_S) or self._error:
             raise DriveError(f"the mirror's web server did not start: {self._error or 'no answer'}")
-        self.web_url = str(self._bridge.web_url)
+        name = f"[{host}]" if ":" in host else host
+        self.web_url = f"http://{name}:{self._bridge.fileserver_port}/lab"
 
     def _run(self) -> None:
         from meshcat.servers import zmqserver
-        from tornado.web import Application
+        from tornado.web import Application, RequestHandler
+
+        server = self
+
+        class Lab(RequestHandler):
+            """The page: meshcat's view, and a panel beside it."""
+
+            def get(self) -> None:
+                self.write(PAGE)
+
+        class State(RequestHandler):
+            """What the panel shows now."""
+
+            def get(self) -> None:
+                self.write(server.state)
+
+        class Here(Application):
+            """Listens on one address, where meshcat would on all."""
+
+            def listen(self, port: int, address: str | None = None, **options: Any) -> Any:
+                return super().listen(port, address or server._host, **options)
 
         class Browser(zmqserver.WebSocketHandler):
             """One browser; the one it replaces prints whenever it comes or goes."""
@@ -58,8 +93,13 @@ class _Server:
 
             def make_app(self) -> Application:
                 files = {"path": zmqserver.VIEWER_ROOT, "default_filename": zmqserver.VIEWER_HTML}
-                return Application(
-                    [(r"/static/(.*)", zmqserver.StaticFileHandlerNoCache, files), (r"/", Browser, {"bridge": self})]
+                return Here(
+                    [
+                        (r"/static/(.*)", zmqserver.StaticFileHandlerNoCache, files),
+                        (r"/lab", Lab),
+                        (r"/state", State),
+                        (r"/", Browser, {"bridge": self}),
+                    ]
                 )
 
             def setup_zmq(self, url: str) -> tuple[Any, None, str]:
@@ -72,7 +112,7 @@ class _Server:
         asyncio.set_event_loop(asyncio.new_event_loop())
         try:
             with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
-                self._bridge = Bridge()
+                self._bridge = Bridge(host=self._host, port=self._port)
         except Exception as e:
             self._error = e
             return
@@ -143,6 +183,8 @@ class _HandModel:
             )
             path[link].set_object(geometry, material)
         self._links = list(parts)
+        self._moved_by = {link: self._mover(link) for link in self._links}
+        self._colors: dict[str, int] = {}
         bounds = np.asarray(scene.bounds)
         self.centre = bounds.mean(axis=0)
         """(3,) middle of its box, m."""
@@ -163,6 +205,28 @@ class _HandModel:
                 self._shown[link] = moved[link] = X_WL
         return moved
 
+    def _mover(self, link: str) -> int | None:
+        """Index among the drives' joints of the one that moves a link, the last before it; None for the palm."""
+        by_child = {j.child: j for j in self._urdf.robot.joints}
+        names = [self._urdf.actuated_joint_names[c] for c in self._columns]
+        while link in by_child:
+            joint = by_child[link]
+            source = joint.mimic.joint if joint.mimic else joint.name
+            if source in names:
+                return names.index(source)
+            link = joint.parent
+        return None
+
+    def color(self, error_deg: np.ndarray) -> None:
+        """Colours links by the error (n,) of the joint that moves them; NaN leaves them as they are by nature."""
+        for link, joint in self._moved_by.items():
+            share = 0.0 if joint is None else min(float(np.nan_to_num(error_deg[joint])) / RED_DEG, 1.0)
+            step = round(share * _SHADES)
+            if self._colors.get(link, 0) != step:
+                self._colors[link] = step
+                rgb = _GREY + (_RED - _GREY) * step / _SHADES
+                self._path[link].set_property("color", [*rgb.tolist(), 1.0])
+
     def show(self, link: str, X_WL: np.ndarray) -> None:
         """Draws a link at its pose (4, 4)."""
         self._path[link].set_transform(X_WL)
@@ -171,10 +235,11 @@ class _HandModel:
 class MirrorView:
     """Both hands; made by :func:`open_view`."""
 
-    def __init__(self, urdf: Path, joints: Sequence[str]) -> None:
+    def __init__(self, urdf: Path, joints: Sequence[str], host: str, port: int | None) -> None:
         import meshcat
 
-        self._server = _Server()
+        self._joints = list(joints)
+        self._server = _Server(host, port)
         scene = meshcat.Visualizer(window=self._server)
         scene["/Background"].set_property("top_color", [0.95, 0.96, 0.97])
         scene["/Background"].set_property("bottom_color", [0.82, 0.85, 0.88])
@@ -186,6 +251,7 @@ class MirrorView:
         size, to_middle = self._measured.size, np.eye(4)
         to_middle[:3, 3] = -self._measured.centre
         scene["hands"].set_transform(to_middle)
+        self._object = scene["hands/object"]
         # from the palm's side, a little from above; in the camera's frame y is up
         scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9 * size, 0.25 * size, 0.35 * size])
 
@@ -194,8 +260,27 @@ class MirrorView:
         """Where to point the browser."""
         return self._server.web_url
 
-    def show(self, pose: Pose) -> None:
-        """Draws a pose; a commanded joint that is not known lies on the measured one."""
+    def add_object(self, vertices: np.ndarray, faces: np.ndarray) -> None:
+        """Puts the object of a plan beside the hands: vertices (v, 3) [m] and faces (f, 3)."""
+        from meshcat.geometry import MeshPhongMaterial, TriangularMeshGeometry
+
+        self._object.set_object(TriangularMeshGeometry(vertices, faces), MeshPhongMaterial(color=_OBJECT))
+
+    def show(self, pose: Pose, X_WO: np.ndarray | None = None, words: str = "") -> None:
+        """Draws a pose; a commanded joint that is not known lies on the measured one.
+
+        Args:
+            pose: of both hands.
+            X_WO: (4, 4) where the plan has the object.
+            words: what stands above the panel.
+        """
+        if X_WO is not None:
+            self._object.set_transform(X_WO)
+        error = np.degrees(np.abs(pose.error))
+        self._measured.color(error)
+        states = [s.value for s in pose.states] or [""] * len(self._joints)
+        rows = zip(self._joints, np.degrees(pose.commanded), np.degrees(pose.measured), error, states, strict=True)
+        self._server.state = {"words": words, "red_deg": RED_DEG, "rows": [[_number(x) for x in row] for row in rows]}
         measured = self._measured.move(pose.measured)
         commanded = self._commanded.move(np.where(np.isfinite(pose.commanded), pose.commanded, pose.measured))
         # link by link, so that a browser which draws in between shows no false error
@@ -209,19 +294,28 @@ class MirrorView:
         self._server.stop()
 
 
+def _number(x: object) -> object:
+    """JSON has no NaN."""
+    return (round(float(x), 2) if np.isfinite(x) else None) if isinstance(x, float) else x
+
+
 @contextmanager
-def open_view(urdf: Path, joints: Sequence[str]) -> Iterator[MirrorView]:
+def open_view(
+    urdf: Path, joints: Sequence[str], host: str = "127.0.0.1", port: int | None = None
+) -> Iterator[MirrorView]:
     """Opens the scene and serves it, until left.
 
     Args:
         urdf: of the hand.
         joints: of the drives, in their order.
+        host: address to serve it on.
+        port: its port; any that is free if not given.
 
     Raises:
         InputError: a joint is not in the URDF.
         DriveError: no port to serve it on.
     """
-    view = MirrorView(urdf, joints)
+    view = MirrorView(urdf, joints, host, port)
     try:
         yield view
     finally:

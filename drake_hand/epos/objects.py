@@ -98,6 +98,12 @@ PROFILE_ACCELERATION = Obj(0x6083, 0, "u32")
 PROFILE_DECELERATION = Obj(0x6084, 0, "u32")
 QUICK_STOP_DECELERATION = Obj(0x6085, 0, "u32")
 MAX_ACCELERATION = Obj(0x60C5, 0, "u32")
+HOME_OFFSET = Obj(0x607C, 0, "i32")
+"""How far a drive moves off the stop it found before it calls that place `HOME_POSITION`, counts."""
+HOMING_METHOD = Obj(0x6098, 0, "i8")
+HOMING_SPEED = Obj(0x6099, 1, "u32")
+HOMING_SPEED_ZERO = Obj(0x6099, 2, "u32")
+HOMING_ACCELERATION = Obj(0x609A, 0, "u32")
 SUPPORTED_MODES = Obj(0x6502, 0, "u32")
 """Bit n - 1 stands for mode n."""
 
@@ -124,9 +130,17 @@ CURRENT_ACTUAL = {"epos1": Obj(0x6078, 0, "i16"), "epos2": Obj(0x6078, 0, "i16")
 """Current in mA."""
 SERIAL64 = {"epos1": Obj(0x2004, 0, "u64"), "epos2": Obj(0x2004, 0, "u64"), "epos4": Obj(0x2100, 1, "u64")}
 """64-bit serial number; that of the EPOS 24/1 is inferred from the EPOS2."""
+HOME_POSITION = {"epos1": Obj(0x2081, 0, "i32"), "epos2": Obj(0x2081, 0, "i32"), "epos4": Obj(0x30B0, 0, "i32")}
+"""What the position becomes where homing ends, counts."""
+HOMING_CURRENT = {"epos1": Obj(0x2080, 0, "u16"), "epos2": Obj(0x2080, 0, "u16"), "epos4": Obj(0x30B2, 0, "u16")}
+"""Current that tells a stop, mA. That the EPOS4 has these two at 0x30B0 and 0x30B2 is from memory, not from its EDS."""
 
 # Modes of operation
-MODE_PROFILE, MODE_INTERPOLATED, MODE_CSP, MODE_POSITION = 1, 7, 8, -1
+MODE_PROFILE, MODE_HOMING, MODE_INTERPOLATED, MODE_CSP, MODE_POSITION = 1, 6, 7, 8, -1
+HOME_HERE = {"epos1": 35, "epos2": 35, "epos4": 37}
+"""Homing method that takes the position for what it is; maxon's number before CiA 402 had one, and after."""
+HOME_ON_STOP = {1: -3, -1: -4}
+"""Homing methods that seek a mechanical stop at limited current, by direction; maxon's own."""
 STREAM_MODE = {"epos2": MODE_INTERPOLATED, "epos4": MODE_CSP, "epos1": MODE_POSITION}
 """The mode in which each type plays a trajectory."""
 

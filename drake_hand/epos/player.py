@@ -43,6 +43,8 @@ STARTED_BY = 4
 """Step by which every PVT drive has shown that it plays."""
 RECORDS_PER_SYNC = 2
 """While loading the queues: a third of the bus at 10 ms and 1 Mbit/s."""
+HOLD_S = 60.0
+"""How long a halted hand holds before it is stopped: motors that press get warm."""
 _STILL = 3
 _ERRORS_AT_MOST = 20
 
@@ -60,9 +62,15 @@ class Player:
     Args:
         schedule: the motion.
         send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
+        tell: told the plan time of each SYNC once the motion has begun.
     """
 
-    def __init__(self, schedule: Schedule, send: Callable[[int, bytes], None]) -> None:
+    def __init__(
+        self,
+        schedule: Schedule,
+        send: Callable[[int, bytes], None],
+        tell: Callable[[float], None] = lambda _: None,
+    ) -> None:
         self.schedule = schedule
         self.watch = Watch(schedule.drives)
         self.axes = self.watch.axes
@@ -76,8 +84,13 @@ class Player:
         """Of the schedule, at the last SYNC."""
         self.start_skew = 0
         """SYNCs between the first and the last drive that began to play."""
+        self.waiting: float | None = None
+        """Plan time at which the motion holds until :meth:`go_on`; None while it does not."""
+        self._go_on = threading.Event()
+        self._hold_asked = threading.Event()
+        self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
-        self._send = send
+        self._send, self._tell = send, tell
         self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
         self._course: Iterator[None] = self._play()
         self._requests: deque[tuple[str, str]] = deque()
@@ -88,11 +101,24 @@ class Player:
         self._errors = 0
         self._now = 0.0
 
+    @property
+    def plan_time(self) -> float:
+        """Time in the plan at the last SYNC, s; negative before it."""
+        return float(self.schedule.plan_time[self.step]) if self.step >= 0 else -1.0
+
     # From other threads
 
     def request_stop(self, kind: str, text: str) -> None:
         """Stops the group at the next SYNC at the latest; the second request takes the power off at once."""
         self._requests.append((kind, text))
+
+    def request_hold(self) -> None:
+        """Halts at the next SYNC and holds, enabled, where that is; what is not in a motion or a pause is stopped."""
+        self._hold_asked.set()
+
+    def go_on(self) -> None:
+        """Ends a pause."""
+        self._go_on.set()
 
     # In the bus thread
 
@@ -107,14 +133,18 @@ class Player:
         self.log.close_row(self.axes)
         self._react(self.watch.period_ends(now))
         self._take_requests()
+        self._take_hold()
         if self._streams and late > self.schedule.period and self._moving:
             self._stop("late", f"SYNC {late * 1e3:.1f} ms late, more than a period")
+        if self.step >= 0:
+            self._tell(self.plan_time)
         self._put(SYNC_COB, b"")
         self.watch.sync += 1
         if self._moving:
-            self.step = min(self.step + 1 + skipped, self.schedule.last)
+            self.step = min(self.step + 1 + skipped, self._stretch[1])
             self.watch.demand = self.schedule.counts[self.step].tolist()
-        self.log.open_row(now, late, self.step, moving=self._moving)
+        between = not self._moving and not self._stopping and self.step < self.schedule.last
+        self.log.open_row(now, late, -1 if between else self.step, moving=self._moving)
         try:
             next(self._course, None)
         except _Stop as e:
@@ -170,6 +200,25 @@ class Player:
                 self._command_at_once(Control.DISABLE_VOLTAGE, range(len(self.axes)))
                 self._course = self._disable()
 
+    def _take_hold(self) -> None:
+        if not self._hold_asked.is_set() or self._stopping:
+            return
+        self._hold_asked.clear()
+        if self.stage not in ("playing", "settling", "waiting"):
+            self._stop("interrupt", "interrupted")
+            return
+        if self._moving:
+            self.step = min(self.step + 1, self._stretch[1])  # whose targets were sent already
+        self._moving, self.waiting = False, None
+        self.watch.demand = None
+        # That an EPOS2 leaves its interpolated motion on the halt bit, on the profile's ramp, is inferred.
+        halt = Control.ENABLE | Control.HALT
+        queues = [i for i, a in enumerate(self.axes) if a.drive.type == "epos2"]
+        self._command_at_once(halt, queues)
+        for i in set(range(len(self.axes))) - set(queues):
+            self._command(i, Control.ENABLE)
+        self._course = self._hold()
+
     def _begin_stop(self) -> None:
         if self._stopping:
             return
@@ -188,10 +237,16 @@ class Player:
         for word, state in LADDER:
             yield from self._bring(word, state)
         self.watch.enabled, self.watch.demand = True, self.schedule.counts[0].tolist()
-        yield from self._prime()
-        self.stage = "playing"
-        yield from self._motion()
-        yield from self._settle()
+        first = 0
+        for last in self.schedule.stops:
+            self._stretch = first, last
+            yield from self._prime()
+            self.stage = "playing"
+            yield from self._motion()
+            yield from self._settle()
+            if last < self.schedule.last:
+                yield from self._pause()
+            first = last
         self._stopping = True
         self.watch.enabled, self.watch.demand = False, None
         yield from self._disable()
@@ -217,7 +272,7 @@ class Player:
         raise _Stop("enable", f"is {axis.state.value}, does not get {state.value}", axis)
 
     def _prime(self) -> Iterator[None]:
-        waiting = [deque(b.prime()) for b in self._backends]
+        waiting = [deque(b.prime(*self._stretch)) for b in self._backends]
         while any(waiting):
             for axis, records in zip(self.axes, waiting, strict=True):
                 for _ in range(min(RECORDS_PER_SYNC, len(records))):
@@ -235,9 +290,12 @@ class Player:
         self._put(axis.layout.record.cob_id(axis.drive.node), record)
 
     def _motion(self) -> Iterator[None]:
-        self._command_step(0)
+        first, last = self._stretch
+        self._first_playing.clear()
+        self.step = first - 1
+        self._command_step(first)
         self._moving = True
-        while self.step < self.schedule.last:
+        while self.step < last:
             yield
             self._command_step(self.step + 1)
             for axis, backend in zip(self.axes, self._backends, strict=True):
@@ -255,8 +313,10 @@ class Player:
 
     def _check_in_step(self) -> None:
         """That the drives began to play in the same SYNC, and play to the end (which comes early on a fast clock)."""
-        if self.step > STARTED_BY:
-            if self.step < self.schedule.last * (1 - CLOCK_TOLERANCE) - 1:
+        first, last = self._stretch
+        played = self.step - first
+        if played > STARTED_BY:
+            if played < (last - first) * (1 - CLOCK_TOLERANCE) - 1:
                 for axis, backend in zip(self.axes, self._backends, strict=True):
                     if not backend.playing(axis):
                         raise _Stop("skew", "does not play", axis)
@@ -269,6 +329,29 @@ class Player:
             self.start_skew = max(steps) - min(steps)
             if self.start_skew:
                 raise _Stop("skew", f"the drives began to play {self.start_skew} SYNCs apart")
+
+    def _pause(self) -> Iterator[None]:
+        """Holds, enabled, until told to go on."""
+        for i in range(len(self.axes)):
+            self._command(i, Control.ENABLE)  # bit 4 falls, so that it may rise again
+        self._go_on.clear()
+        self.stage, self.waiting = "waiting", float(self.schedule.plan_time[self.step])
+        yield
+        while not self._go_on.is_set():
+            yield
+        self.waiting = None
+
+    def _hold(self) -> Iterator[None]:
+        """At rest, powered, as long as somebody may want it."""
+        self.stage = "holding"
+        for _ in self._syncs(SETTLE_S):
+            yield
+            if all(a.still >= _STILL for a in self.axes):
+                break
+        self.watch.demand = [a.position for a in self.axes]
+        for _ in self._syncs(HOLD_S):
+            yield
+        raise _Stop("interrupt", f"held for {HOLD_S:.0f} s")
 
     def _settle(self) -> Iterator[None]:
         """Until every motor rests and no queue plays."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_hand.epos import discovery
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import Master
-from drake_hand.epos.schedule import Schedule
+from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError, InputError
 from drake_hand.plans.plan import Plan
 
@@ -30,8 +31,15 @@ class Refused(DriveError):
         super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
 
 
-def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
+def check(master: Master, plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE, known: Sequence[str] = ()) -> Schedule:
     """Checks plan and bus; reads only.
+
+    Args:
+        master: on the bus.
+        plan: to play.
+        drives: for it.
+        excerpt: what of the plan is played.
+        known: problems found before, one line each.
 
     Returns:
         The plan for these drives, from where the motors are.
@@ -39,13 +47,15 @@ def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
     Raises:
         Refused: lists everything that does not hold.
     """
-    problems, wrong_input = plan_problems(plan, drives)
+    problems, wrong_input = plan_problems(plan, drives, excerpt)
+    problems += known
     found, conditions = _look(master, drives)
     problems += found
     measured = np.array([c.position for c in conditions]) if len(conditions) == len(drives.drives) else None
-    schedule = _schedule(plan, drives, measured)
+    schedule = _schedule(plan, drives, measured, excerpt)
     if schedule is not None and measured is not None:
-        problems += schedule.far_from_start(measured)
+        if not discovery.without_zero(conditions):  # otherwise nobody knows where the joints are
+            problems += schedule.far_from_start(measured)
         problems += discovery.outside_soft_limits(conditions, drives, schedule.counts)
     if problems or schedule is None:
         disabled = measured is not None and not any(c.state.powered for c in conditions)
@@ -53,7 +63,7 @@ def check(master: Master, plan: Plan, drives: Drives) -> Schedule:
     return schedule
 
 
-def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
+def plan_problems(plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE) -> tuple[list[str], bool]:
     """What is wrong with a plan for these drives before a bus is needed; and whether a file is wrong by it."""
     problems, wrong_input = [], False
     if plan.certificate is None:
@@ -67,15 +77,15 @@ def plan_problems(plan: Plan, drives: Drives) -> tuple[list[str], bool]:
     elif not plan.certificate.certified:
         problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))
     try:
-        violations = Schedule.build(plan, drives).violations()
+        violations = Schedule.build(plan, drives, excerpt=excerpt).violations()
     except InputError as e:
         return [*problems, e.brief], True
     return problems + violations, wrong_input or bool(violations)
 
 
-def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None) -> Schedule | None:
+def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None, excerpt: Excerpt) -> Schedule | None:
     with contextlib.suppress(InputError):  # reported by plan_problems
-        return Schedule.build(plan, drives, start)
+        return Schedule.build(plan, drives, start, excerpt)
     return None
 
 
@@ -83,4 +93,5 @@ def _look(master: Master, drives: Drives) -> tuple[list[str], list[discovery.Con
     """What is wrong on the bus; and how the drives that tell are, in the file's order."""
     problems, answering = discovery.mismatches(master, drives)
     conditions, silent = discovery.conditions(master, answering)
-    return problems + silent + discovery.not_ready(conditions), conditions
+    problems += silent + discovery.not_ready(conditions) + discovery.without_zero(conditions)
+    return problems, conditions

@@ -33,20 +33,27 @@ class PvtBackend:
         self._every, self._phase = schedule.record_steps, column
         self._target = min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
         self._low = min(max(3, int(LOW_S * 1e3 / ms)), self._target - 1)
-        self._next = self._flying = 0
+        self._first = self._next = self._flying = 0
+        self._count = len(self._counts)
         self._command = LAYOUT["epos2"].command
 
-    def prime(self) -> list[bytes]:
-        """The first records, up to the target."""
-        return self._take(min(self._target, len(self._counts)))
+    def prime(self, first: int, last: int) -> list[bytes]:
+        """The first records of the stretch, up to the target.
+
+        That an EPOS2 whose queue was played to its end takes records for another motion without being cleared is
+        inferred.
+        """
+        self._first, self._count = first, (last - first) // self._every + 1
+        self._next = self._flying = 0
+        return self._take(min(self._target, self._count))
 
     def _take(self, count: int) -> list[bytes]:
         """The next records; the last of all ends the motion."""
-        first, self._next = self._next, self._next + count
-        last = len(self._counts) - 1
+        begin, self._next = self._next, self._next + count
+        row, last = self._first // self._every, self._count - 1
         return [
-            pack_record(int(self._counts[i]), float(self._rpm[i]), self._ms if i < last else 0)
-            for i in range(first, self._next)
+            pack_record(int(self._counts[row + i]), float(self._rpm[row + i]), self._ms if i < last else 0)
+            for i in range(begin, self._next)
         ]
 
     def primed(self, axis: AxisState) -> bool:
@@ -59,7 +66,7 @@ class PvtBackend:
 
     def command(self, j: int) -> bytes | None:
         """Run, once: the drive's clock does the rest."""
-        return self._command.pack(Control.ENABLE_RUN) if j == 0 else None
+        return self._command.pack(Control.ENABLE_RUN) if j == self._first else None
 
     def feed(self, j: int, axis: AxisState) -> list[bytes]:
         """One record when there is room, on this drive's turn; one more when it falls behind.
@@ -67,8 +74,8 @@ class PvtBackend:
         Drives take turns so that the records of all do not come in the same period.
         """
         room = self._target - axis.queued - self._flying
-        turn = (j + self._phase) % self._every == 0
-        count = min(2 if room > 2 else 1 if room > 0 and turn else 0, len(self._counts) - self._next)
+        turn = (j - self._first + self._phase) % self._every == 0
+        count = min(2 if room > 2 else 1 if room > 0 and turn else 0, self._count - self._next)
         self._flying = count + (self._flying if axis.missed else 0)
         return self._take(count)
 
@@ -81,5 +88,6 @@ class PvtBackend:
 
         Records under way do not count: they may not arrive.
         """
-        ahead = int(CLOCK_TOLERANCE * j / self._every)
-        return axis.queued < min(self._low, len(self._counts) - j // self._every - ahead - 2)
+        played = (j - self._first) // self._every
+        ahead = int(CLOCK_TOLERANCE * played)
+        return axis.queued < min(self._low, self._count - played - ahead - 2)

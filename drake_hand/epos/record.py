@@ -57,8 +57,6 @@ class RunHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     nodes: list[int]
     types: list[str]
     sync_ms: int
-    lead: int
-    """Rows before the plan's own time begins."""
     bus: str
     realtime: bool
     """Whether the bus thread ran with real-time priority."""
@@ -78,7 +76,9 @@ class RunRecord:
     late_ms: np.ndarray
     """(k,) how late it was."""
     step: np.ndarray
-    """(k,) row of the schedule; jumps where periods were lost."""
+    """(k,) row of the schedule; jumps where periods were lost, repeats where a pause ends."""
+    plan_time: np.ndarray
+    """(k,) time in the plan, s; negative while leading in."""
     playing: np.ndarray
     """(k,) whether the plan was being played; after it, or after a stop, the last commanded position is repeated."""
     commanded: np.ndarray
@@ -89,11 +89,6 @@ class RunRecord:
     """(k, n) uint16 status words (the last heard)."""
     queued: np.ndarray
     """(k, n) int16 PVT records waiting in the drive; `NO_QUEUE` where there is none."""
-
-    @property
-    def plan_time(self) -> np.ndarray:
-        """(k,) time in the plan, s; negative while leading in."""
-        return (self.step - self.header.lead) * self.header.sync_ms * 1e-3
 
     @property
     def error_deg(self) -> np.ndarray:
@@ -111,7 +106,9 @@ class RunRecord:
         rows, n = self.playing, self.commanded.shape[1]
         if np.count_nonzero(rows) < 3:
             return np.zeros(n), np.zeros(n)
-        speed = np.gradient(np.rad2deg(self.commanded[rows]), self.plan_time[rows], axis=0)
+        again = np.concatenate([[0], np.cumsum(np.diff(self.step[rows]) <= 0)])  # a pause's row counts as two
+        clock = (self.step[rows] + again) * self.header.sync_ms * 1e-3
+        speed = np.gradient(np.rad2deg(self.commanded[rows]), clock, axis=0)
         late = self.late_ms[rows] > LATE_SHARE * self.header.sync_ms
         after = 1 + round(LATE_FOR_S * 1e3 / self.header.sync_ms)
         late = np.convolve(late, np.ones(after))[: len(late)] > 0
@@ -164,6 +161,7 @@ _ARRAYS: dict[str, tuple[type, bool]] = {
     "t": (np.float64, False),
     "late_ms": (np.float64, False),
     "step": (np.int64, False),
+    "plan_time": (np.float64, False),
     "playing": (np.bool_, False),
     "commanded": (np.float64, True),
     "measured": (np.float64, True),

@@ -108,6 +108,8 @@ def rehearse(schedule: Schedule) -> Rehearsal:
     rehearsal.configure()
     while not rehearsal.player.done.is_set():
         rehearsal.tick()
+        if rehearsal.player.waiting is not None:
+            rehearsal.player.go_on()
     return rehearsal
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -22,20 +23,39 @@ RECORD_MS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
+class Excerpt:
+    """What of a plan is played, and how."""
+
+    speed: float = 1.0
+    """Share of the planned speed."""
+    end_s: float | None = None
+    """Plan time at which to end, at rest; the plan's own end by default."""
+    pauses_s: tuple[float, ...] = ()
+    """Plan times, at rest, at which to hold until told to go on."""
+
+
+WHOLE = Excerpt()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Schedule:
     """What the drives are told at each of k steps of the SYNC period. Arrays over drives are in the file's order."""
 
     drives: Drives
     lead: int
     """Steps before the plan's own time begins."""
+    stops: tuple[int, ...]
+    """Steps at which the motion rests: the pauses, and the last."""
     record_steps: int
-    """Steps from one PVT record to the next; divides k - 1."""
+    """Steps from one PVT record to the next; divides all of `stops`."""
+    plan_time: np.ndarray
+    """(k,) time in the plan at each step, s; negative while leading in."""
     q: np.ndarray
     """(k, n) commanded joints q + q_offset, rad."""
     counts: np.ndarray
     """(k, n) int64, motor positions."""
     rpm: np.ndarray
-    """(k, n) motor speeds; zero in the first and last row."""
+    """(k, n) motor speeds; zero in the first row and at `stops`."""
 
     @property
     def period(self) -> float:
@@ -47,34 +67,31 @@ class Schedule:
         """Index of the last step."""
         return len(self.counts) - 1
 
-    @property
-    def plan_time(self) -> np.ndarray:
-        """(k,) time in the plan at each step, s; negative while leading in."""
-        return (np.arange(len(self.counts)) - self.lead) * self.period
-
     @classmethod
-    def build(cls, plan: Plan, drives: Drives, start: np.ndarray | None = None) -> Schedule:
+    def build(cls, plan: Plan, drives: Drives, start: np.ndarray | None = None, excerpt: Excerpt = WHOLE) -> Schedule:
         """Samples a plan.
 
         Args:
-            plan: its joints are those of the drives, in any order.
+            plan: has the joints of the drives, in any order; those without a drive are not played.
             drives: the drives.
             start: (n,) motor positions [counts] from which to lead in; the plan's own start by default.
+            excerpt: what of it is played.
 
         Raises:
-            InputError: plan and drives are not for the same joints, or a position is beyond a drive's 32 bits.
+            InputError: a drive's joint is not in the plan, or a position is beyond a drive's 32 bits.
         """
         T = drives.bus.sync_ms * 1e-3
         columns, trajectory = drives.columns(plan.joints), Trajectory(plan)
-        lead, r = math.ceil(LEAD_IN_S / T), max(1, round(RECORD_MS / drives.bus.sync_ms))
-        t0, t1 = trajectory.knots[0], trajectory.knots[-1]
-        steps = r * math.ceil((lead + round((t1 - t0) / T, 6)) / r)
-        t = t0 + np.arange(steps - lead + 1) * T
-        states = trajectory.at(np.minimum(t, t1))
+        r = max(1, round(RECORD_MS / drives.bus.sync_ms))
+        lead = r * math.ceil(LEAD_IN_S / T / r)
+        t0, t1 = trajectory.knots[0], trajectory.knots[-1] if excerpt.end_s is None else excerpt.end_s
+        t, stops = _times([t0, *excerpt.pauses_s, t1], r, T, excerpt.speed)
+        states = trajectory.at(t)
         q = states.q_command[:, columns]
         # Offsets are linear between knots; their rate is taken over one period, so that corners are rounded.
-        ahead, behind = (trajectory.at(np.clip(t + d, t0, t1)).q_offset for d in (T / 2, -T / 2))
-        rpm = drives.rpm_from_rates(states.v[:, columns] + ((ahead - behind) / T)[:, columns])
+        half = T / 2 * excerpt.speed
+        ahead, behind = (trajectory.at(np.clip(t + d, t0, t1)).q_offset for d in (half, -half))
+        rpm = drives.rpm_from_rates(states.v[:, columns] * excerpt.speed + ((ahead - behind) / T)[:, columns])
 
         counts = drives.counts_from_joints(q)
         u = (np.arange(lead) / lead)[:, None]
@@ -84,11 +101,14 @@ class Schedule:
         lead_counts = np.rint(begin + way * u**2 * (3 - 2 * u)).astype(np.int64)
         lead_rpm = way * (6 * u * (1 - u)) / (lead * T) * rpm_per_count
         rpm = np.vstack([lead_rpm, rpm])
-        rpm[[0, -1]] = 0.0
+        rests = [lead + i for i in stops]
+        rpm[[0, *rests]] = 0.0
         return cls(
             drives=drives,
             lead=lead,
+            stops=tuple(rests),
             record_steps=r,
+            plan_time=np.concatenate([(np.arange(lead) - lead) * T, t]),
             q=np.vstack([drives.joints_from_counts(lead_counts), q]),
             counts=np.vstack([lead_counts, counts]),
             rpm=rpm,
@@ -142,3 +162,14 @@ class Schedule:
             for d, a, b in zip(self.drives.drives, here, there, strict=True)
             if not abs(a - b) <= START_TOLERANCE_DEG
         ]
+
+
+def _times(rests: list[float], r: int, T: float, speed: float) -> tuple[np.ndarray, list[int]]:
+    """Plan times on the SYNC grid from rest to rest, each stretch a multiple of r steps; and the steps of the rests."""
+    t, stops, n = [], [], 0
+    for a, b in itertools.pairwise(rests):
+        steps = r * max(1, math.ceil(round((b - a) / speed / T, 6) / r))
+        t.append(np.minimum(a + np.arange(steps) * T * speed, b))
+        n += steps
+        stops.append(n)
+    return np.concatenate([*t, rests[-1:]]), stops

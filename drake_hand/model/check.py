@@ -9,14 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from drake_hand.errors import InputError
 from drake_hand.files import resolve, write_atomic
+from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.hand import Hand
 from drake_hand.model.hand_file import SUFFIX
+from drake_hand.model.plant import SHANK
 from drake_hand.model.propose import Proposal, propose
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Joint, Urdf
+
+_FIT = 1.0e-3
+"""m; a tip sphere that is farther off is worth a look."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +31,14 @@ class HandReport:
 
     name: str
     palm: str
+    palm_direction: tuple[float, float, float]
+    """Out of the palm, in W: found from where the fingers can close."""
+    finger_direction: tuple[float, float, float]
+    """Along the stretched fingers, in W."""
+    thumb: str | None
+    """The finger that opposes the others."""
     fingers: tuple[dict[str, Any], ...]
-    """name, joints, tip_link, tip_radius_mm, tip_home_mm (in W)."""
+    """name, joints, tip_link, tip_radius_mm, tip_error_mm (of the sphere), sticks_out_mm, tip_home_mm (in W)."""
     joints: tuple[dict[str, Any], ...]
     """name, type, finger, limits (deg, of sliding joints mm), speed (per s), effort (Nm or N), follows."""
     repaired: tuple[str, ...]
@@ -37,35 +49,56 @@ class HandReport:
     """What stands in the way of planning."""
 
 
+def load(ref: str | Path) -> tuple[Hand, list[str]]:
+    """A hand, and what was guessed: nothing of a bundled name or a hand file, what `propose` says of a URDF.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not str(ref).endswith(".urdf"):
+        return Hand.load(ref), []
+    urdf = Urdf.load(resolve(ref, "hands", ".urdf"))
+    proposal = propose(urdf)
+    return Hand.build(proposal.spec, urdf, urdf.file), list(proposal.remarks)
+
+
 def check(ref: str | Path) -> HandReport:
     """Examines a hand: a bundled name, a hand file, or a URDF with the fingers `propose` finds in it.
 
     Raises:
         InputError: it cannot be read at all.
     """
-    if str(ref).endswith(".urdf"):
-        urdf = Urdf.load(resolve(ref, "hands", ".urdf"))
-        proposal = propose(urdf)
-        hand, remarks = Hand.build(proposal.spec, urdf, urdf.file), list(proposal.remarks)
-    else:
-        hand, remarks = Hand.load(ref), []
+    hand, remarks = load(ref)
     scene = Scene(hand)
     finger_of = {axis.joint: f.name for f in hand.fingers for axis in f.axes}
     moving = [j for j in hand.urdf.joints.values() if j.moves]
     remarks += [remark for joint in moving for remark in _joint_remarks(joint)]
+    tips = [Fingertip.of(hand, f) for f in hand.fingers]
+    remarks += [
+        f"finger {f.name}: its tip is no ball of {f.radius * 1e3:.1f} mm, but up to {tip.error * 1e3:.1f} mm off; "
+        f"tip.radius_mm and tip.xyz_mm of the hand file say which"
+        for f, tip in zip(hand.fingers, tips, strict=True)
+        if tip.error > _FIT
+    ]
+    closing = hand.closing
     problems = [f"{a} and {b} overlap by {d * 1e3:.1f} mm at home" for a, b, d in overlaps(scene)]
     return HandReport(
         name=hand.name,
         palm=hand.palm,
+        palm_direction=_rounded(closing.palm),
+        finger_direction=_rounded(closing.fingers),
+        thumb=None if closing.thumb is None else hand.fingers[closing.thumb].name,
         fingers=tuple(
             {
                 "name": f.name,
                 "joints": list(f.joints),
                 "tip_link": f.tip_link,
                 "tip_radius_mm": round(f.radius * 1e3, 2),
+                "tip_error_mm": round(tip.error * 1e3, 2),
+                "sticks_out_mm": round(tip.sticks_out * 1e3, 2),
                 "tip_home_mm": [round(float(v) * 1e3, 1) for v in scene.tip_position(f)],
             }
-            for f in hand.fingers
+            for f, tip in zip(hand.fingers, tips, strict=True)
         ),
         joints=tuple(_joint_row(j, hand, finger_of.get(j.name, "none")) for j in moving),
         repaired=scene.report,
@@ -74,12 +107,18 @@ def check(ref: str | Path) -> HandReport:
     )
 
 
+def _rounded(direction: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (round(float(v), 4) + 0.0 for v in direction)
+    return x, y, z
+
+
 def overlaps(scene: Scene) -> list[tuple[str, str, float]]:
     """Pairs of links that overlap at home, as (link, link, depth in m), deepest first."""
     scene.set(scene.hand.q_home)
     worst: dict[tuple[str, str], float] = {}
     for a, b, depth in scene.penetrations():
-        pair = (a, b) if a < b else (b, a)
+        a, b = sorted((a.removesuffix(SHANK), b.removesuffix(SHANK)))
+        pair = (a, b)
         worst[pair] = max(depth, worst.get(pair, 0.0))
     return sorted(((a, b, d) for (a, b), d in worst.items()), key=lambda item: -item[2])
 

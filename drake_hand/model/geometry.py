@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from drake_hand.model.meshes import convex_parts
 from drake_hand.model.xml import Source, read_origin
 
 if TYPE_CHECKING:
     import trimesh
+
+
+Pieces = Callable[[Path, tuple[float, float, float]], Sequence[tuple[np.ndarray, np.ndarray]]]
+"""From a mesh file and its scale to convex pieces: (V, 3) vertices and (F, 3) outward faces of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,11 +73,15 @@ class Geometry:
         return mesh.apply_transform(self.X_OG)
 
 
-def read_collision(element: ET.Element, source: Source) -> list[Geometry]:
+def read_collision(element: ET.Element, source: Source, pieces: Pieces) -> list[Geometry]:
     """Convex geometries of a ``<collision>`` element of a URDF.
 
-    Drake's ``<drake:capsule>`` and ``<drake:ellipsoid>`` are understood; an ellipsoid becomes a mesh. A mesh file
-    that consists of separate convex pieces gives one geometry a piece, any other mesh its convex hull.
+    Drake's ``<drake:capsule>`` and ``<drake:ellipsoid>`` are understood; an ellipsoid becomes a mesh.
+
+    Args:
+        element: the ``<collision>``.
+        source: where it is from.
+        pieces: what a mesh file is made of.
 
     Raises:
         InputError: no known shape, wrong numbers, or a mesh file that is missing or unreadable.
@@ -85,7 +94,7 @@ def read_collision(element: ET.Element, source: Source) -> list[Geometry]:
         raise source.error("unknown shape", kind or "nothing", "sphere, cylinder, capsule, box, ellipsoid or mesh")
     if kind == "mesh":
         scale = source.numbers(" ".join((shape.get("scale", "1").split() * 3)[:3]), 3)
-        parts = convex_parts(source.find_mesh(shape.get("filename", "")), tuple(scale))
+        parts = pieces(source.find_mesh(shape.get("filename", "")), (float(scale[0]), float(scale[1]), float(scale[2])))
         return [Geometry(kind="mesh", X_OG=X_OG, vertices=v, faces=f) for v, f in parts]
 
     def get(name: str, n: int = 1) -> np.ndarray:

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve, sha256
+from drake_hand.model.closing import Closing, find_closing
 from drake_hand.model.hand_file import SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
+from drake_hand.model.html import html_table
 from drake_hand.model.urdf import Urdf
+
+_ROOM = 0.1
+"""Largest share of a joint's range that is kept between its home and a limit, where the hand file states no home."""
+_LONGEST = 3.0
+"""m; from palm to tip along a finger's joints."""
 
 __all__ = ["SUFFIX", "Axis", "Finger", "Hand", "HandSpec", "PadSpec"]
 
@@ -55,7 +63,7 @@ class Finger:
     """Links of the chain, palm excluded."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Hand:
     """A hand: n fingers, nq commanded joints (coupled joints follow and are not in q).
 
@@ -89,6 +97,22 @@ class Hand:
         """Digest of the URDF file, which ties a plan to its hand."""
         return sha256(self.urdf.file)
 
+    @cached_property
+    def closing(self) -> Closing:
+        """How the hand closes: where the palm faces, which finger is the thumb, where the pads are."""
+        return find_closing(self.fingers, self.q_lower, self.q_upper)
+
+    @property
+    def palm_direction(self) -> np.ndarray:
+        """(3,) unit vector out of the palm, in W."""
+        return self.closing.palm
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Moving joints of no finger: they are fixed at zero."""
+        own = {axis.joint for finger in self.fingers for axis in finger.axes}
+        return tuple(j.name for j in self.urdf.joints.values() if j.moves and j.name not in own)
+
     def finger(self, name: str) -> Finger:
         """The finger of that name.
 
@@ -103,6 +127,22 @@ class Hand:
             found=name,
             expected=nearest(name, [f.name for f in self.fingers]),
         )
+
+    def __repr__(self) -> str:
+        return f"Hand({self.name}: {', '.join(f.name for f in self.fingers)}; {self.nq} joints)"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                *(f.name, f.tip_link, f"{1e3 * f.radius:.3g} mm"),
+                ", ".join(
+                    f"{self.joints[i]} {math.degrees(self.q_lower[i]):.0f} to {math.degrees(self.q_upper[i]):.0f}"
+                    for i in f.columns
+                ),
+            )
+            for f in self.fingers
+        ]
+        return html_table(f"{self.name}: {self.nq} joints", ["finger", "tip", "radius", "joints, deg"], rows)
 
     @classmethod
     def load(cls, ref: str | Path = "kanguera", *, beside: Path | None = None) -> Hand:
@@ -225,6 +265,15 @@ def _build_finger(i: int, f: FingerSpec, spec: HandSpec, urdf: Urdf, file: Path,
             found=f.tip.link,
             expected="a finger with at least one joint",
         )
+    length = sum(float(np.linalg.norm(joint.X_PC[:3, 3])) for joint in chain)
+    if length > _LONGEST:
+        raise InputError(
+            f"finger '{f.name}' is too long for a hand",
+            file=urdf.file,
+            key=f"link {f.tip.link}",
+            found=f"{length:g} m from '{spec.palm}'",
+            expected="metres; is the URDF in millimetres?",
+        )
     axes: list[Axis] = []
     X = np.eye(4)
     for joint in chain:
@@ -234,11 +283,12 @@ def _build_finger(i: int, f: FingerSpec, spec: HandSpec, urdf: Urdf, file: Path,
         leader, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
         if leader not in commanded:
             raise InputError(
-                f"joint '{joint.name}' mimics '{leader}', which is not a commanded joint of the same finger",
+                f"joint '{joint.name}' of finger '{f.name}' follows '{leader}' outside it; "
+                "fingers are planned one by one, so one drive cannot move two",
                 file=urdf.file,
                 key=f"joint {joint.name}: mimic",
                 found=leader,
-                expected=nearest(leader, commanded),
+                expected=f"one of {', '.join(commanded)}, no <mimic>, or a joint of type fixed",
             )
         axes.append(
             Axis(
@@ -314,7 +364,9 @@ def _limits(name: str, spec: HandSpec, urdf: Urdf, file: Path) -> dict[str, floa
                 found=value,
                 expected="> 0",
             )
-    home = pick("home_deg", min(max(0.0, lower), upper), unit)
+    # A servo at rest against a limit would be commanded beyond it as soon as it has to push.
+    room = min(result["effort"] / result["stiffness"], _ROOM * (upper - lower))
+    home = pick("home_deg", min(max(0.0, lower + room), upper - room), unit)
     if not lower <= home <= upper:
         raise InputError(
             f"home of joint '{name}' is outside its limits",

@@ -67,6 +67,23 @@ class Inertial:
         solid.density = density if mass is None else mass / solid.volume
         return cls(mass=float(solid.mass), p_LCom=np.array(solid.center_mass), I_LCom=np.array(solid.moment_inertia))
 
+    def seen_from(self, X_OL: np.ndarray) -> Inertial:
+        """The same in the axes of another frame O, in which L is at X_OL (4, 4)."""
+        R = X_OL[:3, :3]
+        return Inertial(mass=self.mass, p_LCom=R @ self.p_LCom + X_OL[:3, 3], I_LCom=R @ self.I_LCom @ R.T)
+
+    @classmethod
+    def sum(cls, parts: Iterable[Inertial]) -> Inertial:
+        """Of parts fixed to one another, all in one frame; at least one has a mass."""
+        parts = list(parts)
+        mass = sum(part.mass for part in parts)
+        com = sum((part.mass * part.p_LCom for part in parts), np.zeros(3)) / mass
+        moments = np.zeros((3, 3))
+        for part in parts:
+            d = part.p_LCom - com
+            moments += part.I_LCom + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        return cls(mass=mass, p_LCom=com, I_LCom=moments)
+
     def write(self, link: ET.Element) -> None:
         """Makes this the ``<inertial>`` of a URDF link."""
         for old in link.findall("inertial"):

@@ -1,9 +1,11 @@
-"""Mesh files: found from the URIs people write, cut into convex pieces, converted to what Drake reads."""
+"""Mesh files: found from the URIs people write, read, converted to what Drake reads."""
 
 from __future__ import annotations
 
 import logging
 import os
+import tempfile
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +18,9 @@ if TYPE_CHECKING:
     import trimesh
 
 DRAKE_READS = (".obj", ".gltf", ".vtk")
-_CONVEX = 0.95
-"""Least share of its convex hull that a piece fills to be taken for convex."""
+
+_LOOKED = 20_000
+"""Files and folders looked at for a mesh that is not where it should be."""
 
 
 def find_mesh(uri: str, file: Path, *, key: str) -> Path:
@@ -42,8 +45,24 @@ def find_mesh(uri: str, file: Path, *, key: str) -> Path:
     for path in candidates:
         if path.is_file():
             return path
+    near = _of_that_name(inside.name, file)
     where = "a file in or above the folder of the model" if scheme else str(candidates[0])
+    if near:
+        where += f"; of that name there is {', '.join(near)}"
     raise InputError("mesh file is missing", file=file, key=key, found=uri or "no file name", expected=where)
+
+
+def _of_that_name(name: str, file: Path) -> list[str]:
+    """Up to three files of a name near a model file, in its folder or that above, relative to the model's."""
+    folder, found, looked = file.resolve().parent, [], 0
+    for base, folders, files in os.walk(folder.parent):
+        folders.sort()
+        looked += len(files) + len(folders)
+        if name and name in files:
+            found.append(os.path.relpath(Path(base) / name, folder))
+        if looked > _LOOKED or len(found) == 3:
+            break
+    return found
 
 
 def read_mesh(file: Path) -> trimesh.Trimesh:
@@ -65,28 +84,37 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     return mesh
 
 
-def convex_parts(file: Path, scale: tuple[float, float, float]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Convex pieces of a mesh file: its separate pieces if each is convex, else one hull around all.
+@lru_cache(maxsize=64)
+def hull(file: Path, scale: tuple[float, float, float]) -> tuple[tuple[np.ndarray, np.ndarray]]:
+    """The convex hull of a mesh file, which is what Drake takes a hand's link for.
 
     Returns:
-        (V, 3) vertices and (F, 3) outward faces of each piece, in the mesh's frame, scaled.
+        ((V, 3) vertices, (F, 3) outward faces), in the mesh's frame, scaled; the only piece.
 
     Raises:
         InputError: as :func:`read_mesh`, or if the mesh is flat.
     """
     mesh = read_mesh(file).apply_scale(scale)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    pieces = mesh.split(only_watertight=False)
     try:
-        hulls = [piece.convex_hull for piece in pieces]
-        if not all(piece.volume > _CONVEX * hull.volume for piece, hull in zip(pieces, hulls, strict=True)):
-            hulls = [mesh.convex_hull]
-    except Exception:  # qhull: a piece is flat
-        try:
-            hulls = [mesh.convex_hull]
-        except Exception as e:
-            raise InputError("mesh is flat", file=file, found=mesh.extents, expected="a solid") from e
-    return [(np.asarray(h.vertices), np.asarray(h.faces)) for h in hulls]
+        whole = mesh.convex_hull
+    except Exception as e:  # qhull: it is flat
+        raise InputError("mesh is flat", file=file, found=mesh.extents, expected="a solid") from e
+    return ((np.asarray(whole.vertices), np.asarray(whole.faces)),)
+
+
+def cache_dir(kind: str) -> Path:
+    """A folder of the user's cache, or of the machine's temporary files where that cannot be written."""
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = base / "drake_hand" / kind
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except (OSError, RuntimeError):  # no home, or none that may be written
+        pass
+    folder = Path(tempfile.gettempdir()) / f"drake_hand-{os.getuid()}" / kind
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def to_drake(file: Path) -> Path:
@@ -97,8 +125,7 @@ def to_drake(file: Path) -> Path:
     """
     if file.suffix.lower() in DRAKE_READS:
         return file
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "drake_hand" / "meshes"
-    target = cache / f"{file.stem}-{sha256(file)[:16]}.obj"
+    target = cache_dir("meshes") / f"{file.stem}-{sha256(file)[:16]}.obj"
     if not target.is_file():
         write_obj(file, target)
     return target

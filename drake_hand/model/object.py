@@ -16,16 +16,17 @@ from drake_hand.errors import InputError
 from drake_hand.files import resolve, sha256
 from drake_hand.model.geometry import Geometry, read_collision
 from drake_hand.model.inertia import Inertial
-from drake_hand.model.meshes import find_mesh, to_drake
+from drake_hand.model.meshes import find_mesh, read_mesh, to_drake
 from drake_hand.model.sdf import sdf_to_urdf
-from drake_hand.model.xml import Source, read_xml, write_xml
+from drake_hand.model.solid import read_solid
+from drake_hand.model.xml import Source, read_origin, read_xml, write_origin, write_xml
 
 __all__ = ["Geometry", "Object"]
 
 _DENSITY = 500.0
 """kg/m^3 of an object whose file states no mass: between wood and light plastic."""
 _LARGEST = 1.0
-"""m; a mesh file larger than this is taken to be in millimetres, and refused."""
+"""m; a mesh file larger than this is taken to be in millimetres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +56,7 @@ class Object:
         """Loads an object by bundled name or path of a URDF, SDF, OBJ or STL file.
 
         Args:
-            ref: bundled name (``pencil``) or path. Mesh files are in metres.
+            ref: bundled name (``pencil``) or path. Mesh files are in metres; one larger than 1 m, in millimetres.
             beside: a file whose folder relative paths are tried against first.
 
         Raises:
@@ -63,15 +64,16 @@ class Object:
         """
         file = resolve(ref, "objects", ".urdf", beside=beside)
         suffix = file.suffix.lower()
+        notes: list[str] = []
         if suffix == ".urdf":
             robot = read_xml(file, "robot")
         elif suffix == ".sdf":
             robot = sdf_to_urdf(file)
         elif suffix in (".obj", ".stl"):
-            robot = _mesh_robot(file)
+            robot, notes = _mesh_robot(file)
         else:
             raise InputError("unknown kind of object file", file=file, found=suffix, expected=".urdf .sdf .obj or .stl")
-        return _build(file, robot)
+        return _build(file, _one_link(robot, file, notes), notes)
 
     def with_mass(self, mass: float) -> Object:
         """The same object with another mass (kg), its inertia scaled with it.
@@ -87,16 +89,70 @@ class Object:
         return replace(self, mass=mass, I_OCom=inertial.I_LCom, body_xml=write_xml(robot))
 
 
-def _mesh_robot(file: Path) -> ET.Element:
+def _mesh_robot(file: Path) -> tuple[ET.Element, list[str]]:
+    """The URDF that a mesh file amounts to, and what was assumed of its unit."""
+    extent = float(read_mesh(file).extents.max())
+    scale, notes = "1 1 1", []
+    if extent > _LARGEST:
+        if extent * 1e-3 > _LARGEST:
+            found = f"{extent:g} m, or mm"
+            raise InputError("mesh is too large for a hand", file=file, found=found, expected="at most 1 m")
+        scale = "0.001 0.001 0.001"
+        notes.append(f"mesh {file.name}: {extent:g} units long, taken for millimetres")
     robot = ET.Element("robot", name=file.stem)
     link = ET.SubElement(robot, "link", name=file.stem)
     for tag in ("visual", "collision"):
         geometry = ET.SubElement(ET.SubElement(link, tag), "geometry")
-        ET.SubElement(geometry, "mesh", filename=file.name)
-    return robot
+        ET.SubElement(geometry, "mesh", filename=file.name, scale=scale)
+    return robot, notes
 
 
-def _build(file: Path, robot: ET.Element) -> Object:
+def _one_link(robot: ET.Element, file: Path, notes: list[str]) -> ET.Element:
+    """The same body as one link: links fixed to one another become one, in the frame of the first.
+
+    Raises:
+        InputError: a joint moves, or links do not hang together.
+    """
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    if len(links) < 2:
+        return robot
+    source = Source(file=file, key="joint", find_mesh=partial(find_mesh, file=file, key="mesh"))
+    above: dict[str, tuple[str, np.ndarray]] = {}
+    for joint in robot.findall("joint"):
+        parent, child = (e.get("link", "") if (e := joint.find(tag)) is not None else "" for tag in ("parent", "child"))
+        if joint.get("type") != "fixed":
+            found = f"joint {joint.get('name')} is {joint.get('type')}"
+            raise InputError(
+                "an object is one rigid body", file=file, key="joint", found=found, expected="fixed joints"
+            )
+        above[child] = parent, read_origin(joint.find("origin"), source)
+    roots = [name for name in links if name not in above]
+    if len(roots) != 1 or any(parent not in links for parent, _ in above.values()):
+        names = list(links)
+        raise InputError(
+            "an object is one rigid body", file=file, key="link", found=names, expected="links that hang together"
+        )
+    out = ET.Element("robot", name=robot.get("name") or file.stem)
+    out.extend(copy.deepcopy(robot.findall("material")))
+    body = ET.SubElement(out, "link", name=roots[0])
+    parts = []
+    for name, link in links.items():
+        X_OL, at = np.eye(4), name
+        while at != roots[0]:
+            at, X_PL = above[at]
+            X_OL = X_PL @ X_OL
+        parts.append(Inertial.read(link, source).seen_from(X_OL))
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            moved = copy.deepcopy(shape)
+            write_origin(moved, X_OL @ read_origin(shape.find("origin"), source))
+            body.append(moved)
+    if any(part.mass > 0 for part in parts):
+        Inertial.sum(parts).write(body)
+    notes.append(f"{len(links)} links, fixed to one another, are taken as one body in the frame of {roots[0]}")
+    return out
+
+
+def _build(file: Path, robot: ET.Element, read: list[str]) -> Object:
     links = robot.findall("link")
     if len(links) != 1:
         names = [link.get("name") for link in links]
@@ -112,12 +168,16 @@ def _build(file: Path, robot: ET.Element) -> Object:
         return meshes[-1]
 
     source = Source(file=file, key=f"{key}: collision", find_mesh=find)
-    geometries = tuple(g for element in link.findall("collision") for g in read_collision(element, source))
+    said = list(read)
+
+    def pieces(mesh: Path, scale: tuple[float, float, float]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        solid = read_solid(mesh, scale)
+        said.extend(solid.notes)
+        return solid.pieces
+
+    geometries = tuple(g for element in link.findall("collision") for g in read_collision(element, source, pieces))
     if not geometries:
         raise InputError("object has no collision geometry", file=file, key=key, found="none", expected="<collision>")
-    extent = float(np.ptp(_corners(geometries), axis=0).max())
-    if file.suffix.lower() in (".obj", ".stl") and extent > _LARGEST:
-        raise InputError("mesh is too large for a hand", file=file, found=f"{extent:g} m", expected="metres, below 1 m")
     source = Source(file=file, key=f"{key}: inertial", find_mesh=find)
     inertial, notes = _inertial(link, geometries, source)
     digests = [sha256(f) for f in [file, *meshes]]
@@ -130,7 +190,7 @@ def _build(file: Path, robot: ET.Element) -> Object:
         p_OCom=inertial.p_LCom,
         I_OCom=inertial.I_LCom,
         sha256=hashlib.sha256("".join(digests).encode()).hexdigest() if meshes else digests[0],
-        notes=notes,
+        notes=(*said, *notes),
         body_xml=_body_xml(robot, name, inertial, partial(find_mesh, file=file, key=f"{key}: visual")),
     )
 

@@ -30,6 +30,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from drake_hand.errors import InputError
+from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.geometry import Geometry
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.meshes import to_drake
@@ -37,6 +38,8 @@ from drake_hand.model.object import Object
 from drake_hand.model.readable import readable
 from drake_hand.model.xml import write_xml
 
+SHANK = "_shank"
+"""Suffix of the body with what the tip sphere leaves of a fingertip's shapes."""
 _FRICTION = 0.8
 """Of shapes for which the caller states no properties."""
 
@@ -63,9 +66,10 @@ def add_hand_and_object(
     """Adds a hand, its palm frame on the world frame W, and a free object to a plant not yet finalized.
 
     Joints have the limits of the hand file, commanded ones an actuator; joints of no finger are fixed at zero. The
-    shape of each fingertip is the sphere of the hand file, whatever the shape of the tip link in the URDF. Links that
-    meet in a joint, also across links without shape (Kardan), and the pairs of ``ignore_collisions`` are not checked
-    against each other.
+    sphere of the hand file takes the place of the shapes around it; what is left of them is on a body of its own,
+    welded to the tip link and named after it (``<tip link>_shank``), and counts as any link. Links that meet in a
+    joint, also across links without shape (Kardan), and the pairs of ``ignore_collisions`` are not checked against
+    each other.
 
     Args:
         plant: registered with `scene_graph`, not finalized.
@@ -79,18 +83,22 @@ def add_hand_and_object(
         InputError: what Drake's parser refuses, by file.
     """
     report: list[str] = []
-    robot = _hand_xml(hand, report)
+    tips = [Fingertip.of(hand, finger) for finger in hand.fingers]
+    robot = _hand_xml(hand, tips, report)
     hand_model = _parse(plant, robot, hand.urdf.file, report)
     X_RootPalm = np.eye(4)
     for joint in hand.urdf.chain(hand.urdf.root, hand.palm) or []:
         X_RootPalm = X_RootPalm @ joint.X_PC
     root = plant.GetBodyByName(_drake_name(hand.urdf.root), hand_model).body_frame()
     plant.WeldFrames(plant.world_frame(), root, RigidTransform(X_RootPalm).inverse())
-    for finger in hand.fingers:
+    for finger, tip in zip(hand.fingers, tips, strict=True):
         properties = tip_properties(finger) if tip_properties else _plain_properties()
         body = plant.GetBodyByName(finger.tip_link, hand_model)
         X_LC = RigidTransform(finger.p_LC)
         plant.RegisterCollisionGeometry(body, X_LC, Sphere(finger.radius), f"{finger.name}_tip_sphere", properties)
+        for i, g in enumerate(tip.rest):
+            shank, name = plant.GetBodyByName(finger.tip_link + SHANK, hand_model), f"{finger.name}{SHANK}_{i}"
+            plant.RegisterCollisionGeometry(shank, RigidTransform(g.X_OG), _shape(g), name, _plain_properties())
     _filter(plant, scene_graph, hand, hand_model)
     if object_ is None:
         return Added(hand=hand_model, object=None, report=tuple(report))
@@ -105,8 +113,7 @@ def add_hand_and_object(
 
 def filtered_pairs(hand: Hand) -> list[tuple[list[str], list[str]]]:
     """Groups of links that are never checked against each other: (group, other), or (group, group) for one body."""
-    held = _held(hand)
-    bodies = hand.urdf.bodies(held)
+    bodies = hand.urdf.bodies(hand.held)
     shaped = hand.urdf.shaped | {f.tip_link for f in hand.fingers}
     body_of = {link: body for body in bodies for link in body}
     parent = {j.child: j.parent for j in hand.urdf.joints.values()}
@@ -121,20 +128,14 @@ def filtered_pairs(hand: Hand) -> list[tuple[list[str], list[str]]]:
     return pairs + [([a], [b]) for a, b in hand.ignore_collisions]
 
 
-def _held(hand: Hand) -> list[str]:
-    """Moving joints of no finger."""
-    own = {axis.joint for finger in hand.fingers for axis in finger.axes}
-    return [j.name for j in hand.urdf.joints.values() if j.moves and j.name not in own]
-
-
 def _drake_name(link: str) -> str:
     """Drake takes a link called ``world`` for its own."""
     return "world_link" if link == "world" else link
 
 
-def _hand_xml(hand: Hand, report: list[str]) -> ET.Element:
+def _hand_xml(hand: Hand, tips: list[Fingertip], report: list[str]) -> ET.Element:
     robot, notes = readable(hand.urdf, lambda mesh: str(to_drake(mesh)))
-    held = _held(hand)
+    held = hand.held
     report += notes + [f"joint {name}: belongs to no finger, fixed at zero" for name in held]
     for joint in robot.findall("joint"):
         name = joint.get("name", "")
@@ -157,11 +158,17 @@ def _hand_xml(hand: Hand, report: list[str]) -> ET.Element:
         attribute = "name" if element.tag == "link" else "link"
         if attribute in element.attrib:
             element.set(attribute, _drake_name(element.attrib[attribute]))
-    tips = {finger.tip_link for finger in hand.fingers}
-    for link in robot.findall("link"):
-        if link.get("name") in tips:
-            for shape in link.findall("collision"):
+    for tip in tips:
+        for link in robot.findall("link"):
+            shapes = link.findall("collision")
+            for shape in [s for k, s in enumerate(shapes) if (link.get("name"), k) in tip.replaced]:
                 link.remove(shape)
+    for finger, tip in zip(hand.fingers, tips, strict=True):
+        if tip.rest:
+            ET.SubElement(robot, "link", name=finger.tip_link + SHANK)
+            mount = ET.SubElement(robot, "joint", name=f"{finger.tip_link}{SHANK}_mount", type="fixed")
+            ET.SubElement(mount, "parent", link=finger.tip_link)
+            ET.SubElement(mount, "child", link=finger.tip_link + SHANK)
     return robot
 
 
@@ -181,7 +188,10 @@ def _parse(plant: MultibodyPlant, robot: ET.Element, file: Path, report: list[st
 
 def _filter(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, model: ModelInstanceIndex) -> None:
     def shapes(links: list[str]) -> GeometrySet:
-        return plant.CollectRegisteredGeometries([plant.GetBodyByName(_drake_name(link), model) for link in links])
+        names = [_drake_name(link) for link in links] + [link + SHANK for link in links]
+        return plant.CollectRegisteredGeometries(
+            [plant.GetBodyByName(name, model) for name in names if plant.HasBodyNamed(name, model)]
+        )
 
     manager = scene_graph.collision_filter_manager()
     for group, other in filtered_pairs(hand):

@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.model.geometry import read_collision
+from drake_hand.model.closing import Closing
+from drake_hand.model.fingertip import body_shapes, fit, guess
+from drake_hand.model.hand import Hand
 from drake_hand.model.hand_file import FingerSpec, HandSpec, JointSpec, TipSpec
-from drake_hand.model.meshes import find_mesh
 from drake_hand.model.urdf import Joint, Urdf
-from drake_hand.model.xml import Source, read_xml
+from drake_hand.model.weight import weight_torques
 
 _SHORT = r"(?=j|\d|_|$|knuckle|base|hub|metacarpal|proximal|middle|distal|tip)"
 _WORDS = {
@@ -26,13 +27,16 @@ _WORDS = {
     "thumb": rf"thumb|th{_SHORT}",
 }
 """What people call fingers, in the order of the mode codes."""
-_CAP = 0.012
-"""m; how much of a fingertip's end counts when its sphere is guessed."""
 _RADIUS = 0.008
 """m; of a fingertip that has no shape to guess from."""
 _MAX_EFFORT, _EFFORT = 5.0, 0.5
 """Nm; a URDF that gives a finger joint more than the first is taken not to know, and gets the second."""
-_SERVO = JointSpec(speed_deg_s=120, acceleration_deg_s2=1500, stiffness_nm_rad=3, damping_nm_s_rad=0.05)
+_MAX_SPEED, _SPEED = 720.0, 120.0
+"""deg/s; the same of speeds."""
+_STIFFNESS, _SAG = 3.0, np.radians(1.5)
+"""Nm/rad, for a small hand; stiffer where the finger's own weight would bend a joint further than the second, rad."""
+_LAG = 1 / 60
+"""s; damping over stiffness of a servo."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,45 +61,92 @@ def propose(urdf: Urdf) -> Proposal:
     """Proposes a hand file.
 
     The palm is the last link that all fingers hang on; every chain of moving joints from there is a finger, named by
-    its links' and joints' names where they say which; its tip is a sphere fitted into the end of its last body.
+    its links' and joints' names where they say which, else by where it stands if one opposes all others; its tip is a
+    sphere fitted to the shapes of its last body, where they can touch.
 
     Raises:
         InputError: no moving joints, or shapes that cannot be read.
     """
     palm = _palm(urdf)
-    remarks = [f"palm '{palm}': its frame becomes W; x should point out of the palm and z to the fingertips"]
-    found = []
-    for chain in _chains(urdf, palm):
-        tip, remark = _tip(urdf, chain)
-        found.append((_finger_name(chain), chain, tip))
+    chains = _chains(urdf, palm)
+    tips = [_tip_link(urdf, chain) for chain in chains]
+    rough = [_rough_tip(urdf, tip) for tip in tips]
+    name = re.sub(r"\W+", "_", urdf.file.stem).lower()
+    fingers = [FingerSpec(name=f"finger_{i}", tip=tip) for i, tip in enumerate(rough, start=1)]
+    spec = HandSpec(name=name, urdf=str(urdf.file), palm=palm, fingers=fingers, **_servos(urdf, chains))
+    hand = Hand.build(spec, urdf, urdf.file)
+    closing = hand.closing
+    remarks = [
+        f"palm '{palm}': its frame becomes W; it faces {_words(closing.palm)}, fingers point {_words(closing.fingers)}"
+    ]
+    order, names, said = _named(chains, hand, closing)
+    remarks += said
+    fitted = []
+    for i, finger_name in zip(order, names, strict=True):
+        tip, remark = _tip(urdf, rough[i], closing.ends[i], closing.pads[i])
+        fitted.append(FingerSpec(name=finger_name, tip=tip))
         remarks.append(remark)
-    names = [name for name, _, _ in found]
-    if "" in names or len(set(names)) < len(names):
-        remarks.append("fingers: names do not tell which is which; rename them and order them little finger to thumb")
-        found = [(f"finger_{i}", chain, tip) for i, (_, chain, tip) in enumerate(found, start=1)]
-    else:
-        found.sort(key=lambda item: list(_WORDS).index(item[0]))
-    fingers = [FingerSpec(name=name, tip=tip) for name, _, tip in found]
-    own = {joint.name for _, chain, _ in found for joint in chain}
+    commanded = [urdf.joints[j] for j in hand.joints]
+    remarks.append("defaults: acceleration, stiffness and damping are those of a small hand; state what yours can do")
+    if spec.defaults.speed_deg_s is not None:
+        remarks.append(f"defaults: speed_deg_s is a guess, since the URDF has {_most(commanded, 'velocity')} rad/s")
+    if spec.defaults.effort_nm is not None:
+        remarks.append(f"defaults: effort_nm is a guess, since the URDF has {_most(commanded, 'effort')} Nm")
+    if spec.joints:
+        remarks.append(f"joints: no limits in the URDF for {', '.join(spec.joints)}; -90 .. 90 deg is a guess")
+    return Proposal(spec=msgspec.structs.replace(spec, fingers=fitted), remarks=tuple(remarks))
+
+
+def _servos(urdf: Urdf, chains: list[list[Joint]]) -> dict[str, Any]:
+    """``defaults`` and ``joints`` of the hand file: what the URDF says, and guesses where it does not know."""
+    own = {joint.name for chain in chains for joint in chain}
     commanded = [urdf.joints[name] for name in urdf.commanded if name in own]
-    remarks.append("defaults: speed, acceleration and servo are those of a small hand; state what yours can do")
-    defaults = _SERVO
-    if not all(j.effort and j.effort <= _MAX_EFFORT for j in commanded):
-        most = max(j.effort or 0.0 for j in commanded)
-        remarks.append(f"defaults: effort_nm is a guess, since the URDF has up to {most:g} Nm")
-        defaults = msgspec.structs.replace(_SERVO, effort_nm=_EFFORT)
-    unlimited = [j.name for j in commanded if j.lower is None or j.upper is None or j.lower == j.upper]
-    if unlimited:
-        remarks.append(f"joints: no limits in the URDF for {', '.join(unlimited)}; -90 .. 90 deg is a guess")
-    spec = HandSpec(
-        name=re.sub(r"\W+", "_", urdf.file.stem).lower(),
-        urdf=str(urdf.file),
-        palm=palm,
-        fingers=fingers,
-        defaults=defaults,
-        joints={name: JointSpec(lower_deg=-90, upper_deg=90) for name in unlimited},
+    weight = weight_torques(urdf, commanded)
+    stiffness = max(_STIFFNESS, float(np.ceil(weight / _SAG)))
+    defaults = JointSpec(
+        acceleration_deg_s2=1500, stiffness_nm_rad=stiffness, damping_nm_s_rad=round(stiffness * _LAG, 3)
     )
-    return Proposal(spec=spec, remarks=tuple(remarks))
+    if not all(j.velocity and np.degrees(j.velocity) <= _MAX_SPEED for j in commanded):
+        defaults = msgspec.structs.replace(defaults, speed_deg_s=_SPEED)
+    if not all(j.effort and j.effort <= _MAX_EFFORT for j in commanded):
+        defaults = msgspec.structs.replace(defaults, effort_nm=round(max(_EFFORT, 2 * weight), 2))
+    unlimited = [j.name for j in commanded if j.lower is None or j.upper is None or j.lower == j.upper]
+    return {"defaults": defaults, "joints": {name: JointSpec(lower_deg=-90, upper_deg=90) for name in unlimited}}
+
+
+def _most(joints: list[Joint], key: str) -> str:
+    return f"up to {max(getattr(j, key) or 0.0 for j in joints):g}"
+
+
+def _words(direction: np.ndarray) -> str:
+    """A direction of W in words: an axis, or three numbers."""
+    k = int(np.abs(direction).argmax())
+    if abs(direction[k]) > 0.999:
+        return f"along {'-' if direction[k] < 0 else ''}{'xyz'[k]}"
+    return "along [" + ", ".join(f"{v:.2f}" for v in direction) + "]"
+
+
+def _named(chains: list[list[Joint]], hand: Hand, closing: Closing) -> tuple[list[int], list[str], list[str]]:
+    """Order of the fingers, their names in that order, and what to look at."""
+    said = [_finger_name(chain) for chain in chains]
+    if "" not in said and len(set(said)) == len(said):
+        order = sorted(range(len(said)), key=lambda i: list(_WORDS).index(said[i]))
+        return order, [said[i] for i in order], []
+    if closing.thumb is None or len(chains) not in (3, 4, 5):
+        names = [f"finger_{i + 1}" for i in range(len(chains))]
+        return list(range(len(chains))), names, ["fingers: neither names nor places tell which is which; rename them"]
+    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in hand.fingers])
+    row = np.delete(bases, closing.thumb, axis=0)
+    along = np.linalg.svd(row - row.mean(axis=0))[2][0]
+    place = bases @ along * np.sign((bases[closing.thumb] - row.mean(axis=0)) @ along)  # towards the thumb's side
+    order = sorted(range(len(chains)), key=lambda i: place[i])
+    order.remove(closing.thumb)
+    names = list(_WORDS)[-len(chains) :]
+    thumb = chains[closing.thumb][0].name
+    remark = (
+        f"fingers: names do not tell which is which; the one of joint {thumb} opposes the others, so it is the thumb"
+    )
+    return [*order, closing.thumb], names, [remark]
 
 
 def _palm(urdf: Urdf) -> str:
@@ -135,43 +186,42 @@ def _finger_name(chain: list[Joint]) -> str:
     return votes.most_common(1)[0][0] if votes else ""
 
 
-def _tip(urdf: Urdf, chain: list[Joint]) -> tuple[TipSpec, str]:
-    """Tip link and sphere of a finger, and how they were found."""
+def _tip_link(urdf: Urdf, chain: list[Joint]) -> str:
+    """The link of a finger's last body that is its tip."""
     body = next(b for b in urdf.bodies() if b[0] == chain[-1].child)
     tips = [link for link in body if "tip" in link.lower()] or [link for link in body if link in urdf.shaped] or body
-    tip = tips[-1]
-    X_BL = {link: np.eye(4) for link in body[:1]}
-    for link in body[1:]:
-        joint = next(j for j in urdf.joints.values() if j.child == link)
-        X_BL[link] = X_BL[joint.parent] @ joint.X_PC
-    robot = read_xml(urdf.file, "robot")
-    key = f"link {tip}: collision"
-    source = Source(file=urdf.file, key=key, find_mesh=partial(find_mesh, file=urdf.file, key=key))
-    points = []
-    for link in [tip] if tip in urdf.shaped else body:
-        element = next(e for e in robot.findall("link") if e.get("name") == link)
-        shapes = [g for c in element.findall("collision") for g in read_collision(c, source)]
-        if link == tip and len(shapes) == 1 and shapes[0].kind == "sphere":
-            return _spec(tip, shapes[0].X_OG[:3, 3], shapes[0].size[0]), f"{tip}: the sphere of the URDF"
-        X_TL = np.linalg.inv(X_BL[tip]) @ X_BL[link]
-        points += [g.to_trimesh().vertices @ X_TL[:3, :3].T + X_TL[:3, 3] for g in shapes]
-    if not points:
-        return _spec(tip, np.zeros(3), _RADIUS), f"{tip}: has no shape; a sphere of {_RADIUS * 1e3:g} mm at its origin"
-    p_LC, radius = _fit(np.concatenate(points), np.linalg.inv(X_BL[tip])[:3, 3])
-    whose = "its shape" if tip in urdf.shaped else "the body it is fixed to, which may touch before it does"
-    return _spec(tip, p_LC, radius), f"{tip}: sphere fitted into the end of {whose}"
+    return tips[-1]
 
 
-def _fit(points: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre and radius of the sphere in the end of a finger, farthest from its last joint at `base` (3,)."""
-    along = (points.min(axis=0) + points.max(axis=0)) / 2 - base
-    u = along / np.linalg.norm(along) if np.linalg.norm(along) > 1e-6 else np.array([0.0, 0.0, 1.0])
-    s = points @ u
-    cap = points[s > s.max() - _CAP]
-    across = np.linalg.svd(u[None])[2][1:]
-    low, high = (cap @ across.T).min(axis=0), (cap @ across.T).max(axis=0)
-    radius = float(np.clip((high - low).min() / 2, 0.002, _CAP))
-    return u * (s.max() - radius) + (low + high) / 2 @ across, radius
+def _rough_tip(urdf: Urdf, tip: str) -> TipSpec:
+    """A sphere in the end of a finger's last body."""
+    shapes = body_shapes(urdf, tip)
+    own = [g for link, _, g in shapes if link == tip]
+    if len(own) == 1 and own[0].kind == "sphere":
+        return _spec(tip, own[0].X_OG[:3, 3], own[0].size[0])
+    used = own or [g for _, _, g in shapes]
+    if not used:
+        return _spec(tip, np.zeros(3), _RADIUS)
+    base = next(b for b in urdf.bodies() if tip in b)[0]
+    X_BT = np.eye(4)
+    for joint in urdf.chain(base, tip) or []:
+        X_BT = X_BT @ joint.X_PC
+    return _spec(tip, *guess(used, np.linalg.inv(X_BT)[:3, 3]))
+
+
+def _tip(urdf: Urdf, rough: TipSpec, end: np.ndarray, pad: np.ndarray) -> tuple[TipSpec, str]:
+    """The sphere that fits best where the tip can touch, and how it was found."""
+    shapes = body_shapes(urdf, rough.link)
+    own = [g for link, _, g in shapes if link == rough.link]
+    if not shapes:
+        return rough, f"{rough.link}: has no shape; a sphere of {_RADIUS * 1e3:g} mm at its origin"
+    if len(own) == 1 and own[0].kind == "sphere":
+        return rough, f"{rough.link}: the sphere of the URDF"
+    p_LC, radius, error = fit(
+        own or [g for _, _, g in shapes], np.array(rough.xyz_mm) / 1e3, rough.radius_mm / 1e3, end, pad
+    )
+    whose = "its shape" if own else "the shapes of the body it is fixed to"
+    return _spec(rough.link, p_LC, radius), f"{rough.link}: sphere fitted to {whose}, within {error * 1e3:.1f} mm"
 
 
 def _spec(link: str, p_LC: np.ndarray, radius: float) -> TipSpec:

@@ -51,6 +51,13 @@ def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element
         if urdf.root not in body and not any(inertials[link].mass > 0 for link in body):
             _LIGHT.write(_named(robot, "link", body[0]))
             report.append(f"link {body[0]}: moves but has no mass; 1 g is used")
+    for element in robot.findall("joint"):
+        followed = urdf.joints[element.get("name", "")].mimic
+        if followed is None:
+            continue
+        leader, multiplier, offset = followed
+        for mimic in element.findall("mimic"):  # straight to the joint at the end of a chain
+            mimic.attrib.update(joint=leader, multiplier=f"{multiplier:.12g}", offset=f"{offset:.12g}")
     missing = [j for j in urdf.commanded if j not in transmitted(robot)]
     for joint in missing:
         _add_transmission(robot, joint)

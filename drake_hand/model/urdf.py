@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -99,7 +99,7 @@ class Urdf:
 
         Raises:
             InputError: not a URDF, limits the wrong way round, non-finite numbers, unknown joint types or links,
-                names given twice, links in a cycle or with two parents.
+                names given twice, links in a cycle or with two parents, joints that follow none or one another.
         """
         import yourdfpy
 
@@ -194,6 +194,7 @@ class Urdf:
                 if j.mimic is None
                 else (j.mimic.joint, _or(j.mimic.multiplier, 1.0), _or(j.mimic.offset, 0.0)),
             )
+        joints = {name: replace(j, mimic=_leader(j, joints, file)) for name, j in joints.items()}
         children = [j.child for j in joints.values()]
         roots = [link for link in links if link not in children]
         if len(roots) != 1:
@@ -211,6 +212,35 @@ class Urdf:
         if loose:
             raise InputError("links form a cycle", file=file, key="joint", found=loose, expected="a tree of links")
         return urdf
+
+
+def _leader(joint: Joint, joints: dict[str, Joint], file: Path) -> tuple[str, float, float] | None:
+    """The commanded joint that a joint follows, through joints that follow others, with multiplier and offset."""
+    if joint.mimic is None:
+        return None
+    name, multiplier, offset = joint.mimic
+    seen = [joint.name]
+    while name in joints and (further := joints[name].mimic):
+        if name in seen:
+            raise InputError(
+                "joints follow one another in a circle",
+                file=file,
+                key=f"joint {joint.name}: mimic",
+                found=[*seen, name],
+                expected="a chain that ends in a joint that follows none",
+            )
+        seen.append(name)
+        name, offset = further[0], multiplier * further[2] + offset
+        multiplier *= further[1]
+    if name not in joints:
+        raise InputError(
+            "joint follows one that does not exist",
+            file=file,
+            key=f"joint {joint.name}: mimic",
+            found=name,
+            expected=nearest(name, joints),
+        )
+    return name, multiplier, offset
 
 
 def _or(value: float | None, default: float) -> float:

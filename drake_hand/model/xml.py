@@ -25,6 +25,7 @@ _NUMBERS = {
     "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
 }
 """By tag and attribute of a URDF: how many numbers. Sizes of shapes are checked where shapes are read."""
+_XACRO = "{http://www.ros.org/wiki/xacro}"
 
 
 def drake_tag(name: str) -> str:
@@ -49,6 +50,15 @@ def read_xml(file: Path, tag: str) -> ET.Element:
         root = ET.fromstring(text)
     except ET.ParseError as e:
         raise InputError("not well-formed XML", file=file, found=str(e), expected=f"a <{tag}> document") from e
+    left = next((e for e in root.iter() if e.tag.startswith(_XACRO)), None)
+    if left is not None:
+        raise InputError(
+            "xacro is left in",
+            file=file,
+            key=f"<xacro:{left.tag.removeprefix(_XACRO)}>",
+            found=" ".join(f'{k}="{v}"' for k, v in left.attrib.items()) or "a macro",
+            expected=f"a plain URDF: `xacro {file.name} > {file.stem.removesuffix('.urdf')}.plain.urdf` expands it",
+        )
     if root.tag != tag:
         raise InputError("wrong kind of XML file", file=file, found=f"<{root.tag}>", expected=f"<{tag}>")
     if tag == "robot":
@@ -101,6 +111,20 @@ class Source:
         if len(values) != n or (positive and not (values > 0).all()):
             raise self.error("wrong numbers", text, expected)
         return values
+
+
+def write_origin(element: ET.Element, X: np.ndarray) -> None:
+    """Makes X (4, 4) the ``<origin>`` of an element."""
+    for old in element.findall("origin"):
+        element.remove(old)
+    R = X[:3, :3]
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
+    if abs(np.cos(pitch)) > 1e-9:
+        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    else:  # any of the ways to say it
+        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+    xyz, rpy = (" ".join(f"{v:.12g}" for v in values) for values in (X[:3, 3], (roll, pitch, yaw)))
+    element.insert(0, ET.Element("origin", xyz=xyz, rpy=rpy))
 
 
 def read_origin(element: ET.Element | None, source: Source) -> np.ndarray:

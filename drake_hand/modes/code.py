@@ -9,6 +9,7 @@ from math import comb
 
 from drake_hand.contact.submodel import Submodel
 from drake_hand.errors import InputError
+from drake_hand.model.html import html_table
 
 
 @dataclass(frozen=True, order=True)
@@ -71,6 +72,12 @@ class Mode:
 
     def __str__(self) -> str:
         return self.code
+
+    def _repr_html_(self) -> str:
+        n = len(self.submodels)
+        rows = [(n - i, s.word, s.constraint) for i, s in enumerate(self.submodels)]
+        columns = ["finger, from the thumb", "submodel", "what it constrains"]
+        return html_table(f"mode {self.code}", columns, reversed(rows))
 
 
 def all_modes(n: int) -> Iterator[Mode]:

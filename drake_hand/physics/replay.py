@@ -1,26 +1,24 @@
-"""`simulate`: a plan's commands played into physics, and what became of the object, over perturbed runs."""
+"""One run: a plan's commands played into physics, and what became of the object."""
 
 from __future__ import annotations
 
-import itertools
-import multiprocessing
-import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_hand.errors import DrakeHandError, InputError
+from drake_hand.feedback.correction import Correction
+from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
+from drake_hand.physics.engine import Engine, EngineName, Perturbation
+from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.run import Record, Run, judge
-from drake_hand.physics.simulation import ContactKind, Perturbation, Physics
+from drake_hand.physics.simulation import ContactKind, Physics
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.tolerances import STANDARD_GRAVITY, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
 
@@ -32,118 +30,14 @@ SAMPLE = 5.0e-3
 """s between samples."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Replay:
-    """What physics made of a plan."""
-
-    contact: ContactKind
-    friction: float
-    object_mass_kg: float
-    perturbed: bool
-    success_rate: float
-    dropped: int
-    realtime_factor: float
-    """Median over runs."""
-    runs: list[Run]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """How far a replay is."""
-
-    stage: str
-    fraction: float
-    dropped: int = 0
-
-
-def simulate(
-    plan: Plan,
-    *,
-    runs: int = 1,
-    seed: int = 0,
-    perturb: bool | None = None,
-    contact: ContactKind = "hydroelastic",
-    jobs: int | None = None,
-    watch: Callable[[Run, Record], None] | None = None,
-    progress: Callable[[Progress], None] | None = None,
-) -> Replay:
-    """Plays a certified plan into physics, open loop, as often as asked.
-
-    A fixture holds the object until the grasp is complete, and is then gone: nothing but the fingers holds it, until
-    they release it to the fixture, where it then is.
-    A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
-
-    Args:
-        plan: with a certificate.
-        runs: how many.
-        seed: of the perturbations, which depend on nothing else.
-        perturb: friction, mass and stiffness by up to 20 %, start pose by 1 mm and 2 deg; by default if runs > 1.
-        contact: how fingertips yield.
-        jobs: processes; one per core by default.
-        watch: given a run as planned, with its record; where there is none such among the runs, one more is made.
-        progress: told how far it is.
-
-    Raises:
-        InputError: the plan is not certified, or asks for what is not simulated; `runs` or `jobs` is below one.
-        DrakeHandError: a simulation broke down, or processes cannot start: a script that asks for several runs has to
-            do so under ``if __name__ == "__main__":``, as ever with :mod:`multiprocessing`.
-    """
-    for key, value in (("runs", runs), ("jobs", jobs)):
-        if value is not None and value < 1:
-            raise InputError("too few", key=key, found=value, expected="1 or more")
-    if not plan.certified:
-        raise InputError("only certified plans are simulated", key="certificate", expected="one that holds")
-    perturbed = runs > 1 if perturb is None else perturb
-    rng = np.random.default_rng(seed)
-    changes = [Perturbation.draw(rng) if perturbed else Perturbation() for _ in range(runs)]
-    tell = progress or (lambda _: None)
-    workers = min(runs, jobs or cores())
-    done: dict[int, Run] = {}
-
-    def finish(i: int, run: Run) -> None:
-        done[i] = run
-        dropped = sum(r.dropped for r in done.values())
-        tell(Progress(stage=f"{len(done)} of {runs} runs", fraction=len(done) / runs, dropped=dropped))
-
-    if workers == 1:
-        for i, change in enumerate(changes):
-            stage = f"run {i + 1} of {runs}"
-
-            def part(x: float, *, first: int = i, stage: str = stage) -> None:
-                tell(Progress(stage=stage, fraction=(first + x) / runs))
-
-            run, record = replay(plan, change, contact, part)
-            finish(i, run)
-            if watch and i == 0 and not perturbed:
-                watch(run, record)
-    else:
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-            futures = {pool.submit(_run, plan, change, contact): i for i, change in enumerate(changes)}
-            try:
-                for future in as_completed(futures):
-                    finish(futures[future], future.result())
-            except BrokenProcessPool as e:
-                guard = 'does the script that calls simulate() lack `if __name__ == "__main__":`?'
-                raise DrakeHandError(f"a process of the simulation ended early; {guard}") from e
-    if watch and (perturbed or workers > 1):
-        watch(*replay(plan, None, contact, lambda x: tell(Progress(stage="run as planned", fraction=x))))
-    results = [done[i] for i in range(runs)]
-    return Replay(
-        contact=contact,
-        friction=plan.task.physics.friction,
-        object_mass_kg=plan.object_mass_kg,
-        perturbed=perturbed,
-        success_rate=float(np.mean([r.success for r in results])),
-        dropped=sum(r.dropped for r in results),
-        realtime_factor=float(np.median([r.realtime_factor for r in results])),
-        runs=results,
-    )
-
-
 def replay(
     plan: Plan,
     perturbation: Perturbation | None = None,
+    *,
+    engine: EngineName = "drake",
     contact: ContactKind = "hydroelastic",
+    feedback: PoseSensor | None = None,
+    sensor_seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Run, Record]:
     """One run of a plan, certified or not.
@@ -151,11 +45,14 @@ def replay(
     Args:
         plan: the plan.
         perturbation: what is not as planned.
-        contact: how fingertips yield.
+        engine: whose physics.
+        contact: how fingertips yield in Drake; MuJoCo's have a way of their own.
+        feedback: a sensor that sees the object; commands are then corrected (certified plans only).
+        sensor_seed: of its noise.
         progress: told the share done.
 
     Raises:
-        InputError: the plan asks for what is not simulated.
+        InputError: the plan asks for what is not simulated, or the engine is not installed.
         DrakeHandError: the simulation broke down.
     """
     if any(step.push for step in plan.task.motion):
@@ -164,20 +61,12 @@ def replay(
     hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
     check_models(plan, hand, object_)
     object_ = object_.with_mass(plan.object_mass_kg)
-    gravity = np.array(plan.task.physics.gravity)
     windows = hold_windows(plan)
     free, end = windows[0][0], windows[-1][1]
     trajectory = Trajectory(plan)
-    physics = Physics(
-        hand,
-        object_,
-        commands(trajectory),
-        trajectory.at(0.0).X_WO[0],
-        gravity=gravity,
-        friction=plan.task.physics.friction,
-        perturbation=perturbation,
-        contact=contact,
-    )
+    physics = _engine(engine, contact, plan, hand, object_, trajectory, perturbation)
+    correction = Correction(plan, hand, object_) if feedback else None
+    sensor = SimulatedSensor(feedback or PoseSensor(), sensor_seed)
     times = np.arange(0.0, end + (SETTLE if end >= plan.duration else 0.0) + SAMPLE / 2, SAMPLE)
     p_WO = trajectory.at(times).X_WO[:, :3, 3]
     q, X_WO, touches = [], [], []
@@ -187,6 +76,9 @@ def replay(
             physics.advance(t)
         except RuntimeError as e:
             raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e
+        if correction:
+            sensor.observe(t, physics.X_WO)
+            physics.correct(correction.step(t, sensor.poll(t)))
         q.append(physics.q)
         X_WO.append(physics.X_WO)
         touches.append(physics.touch())
@@ -212,39 +104,48 @@ def replay(
         strays=tuple(touch.strays for touch in touches),
         wall_s=time.perf_counter() - began,
     )
-    return judge(record, plan, object_, perturbation, free=free, dropped=dropped), record
+    report = correction.report if correction else None
+    return judge(record, plan, object_, perturbation, free=free, dropped=dropped, correction=report), record
 
 
-def hold_windows(plan: Plan) -> list[tuple[float, float]]:
-    """From when to when the fingers are to hold the object without a fixture, grasp by grasp, s.
-
-    A grasp is complete at the first knot at which the planned forces balance the weight and have stopped rising
-    (for kinematic plans: at which enough fingers touch). Its hold ends at the last such knot.
-
-    Raises:
-        InputError: the fingers never hold the object for a while.
-    """
-    options, weight_W = plan.task.options, plan.object_mass_kg * np.array(plan.task.physics.gravity)
-    tolerance = UNBALANCED_SHARE * STANDARD_GRAVITY * plan.object_mass_kg
-    windows = []
-    for _, parts in itertools.groupby(plan.parts, key=lambda part: bool(part.contacts)):
-        held = []
-        for part in parts:
-            forces = [np.array(c.f_W) for c in part.contacts.values() if c.f_W is not None]
-            if forces:
-                residual = np.linalg.norm(np.sum(forces, axis=0) + weight_W, axis=1)
-                pressed = np.sum([np.linalg.norm(f, axis=1) for f in forces], axis=0)
-                rising = np.diff(pressed, append=pressed[-1]) > 0.05 * pressed
-                good = (residual <= tolerance) & (pressed > 0) & ~rising
-            else:
-                enough = len(part.contacts) >= max(1, options.min_contacts)
-                good = np.full(len(part.t), enough and options.hold == "kinematic")
-            held += [t for t, yes in zip(part.t, good, strict=True) if yes]
-        if held and held[-1] - held[0] >= 2 * SAMPLE:
-            windows.append((held[0], held[-1]))
-    if not windows:
-        raise InputError("in this plan the fingers never hold the object", key="parts", expected="a part that holds it")
-    return windows
+def _engine(
+    engine: EngineName,
+    contact: ContactKind,
+    plan: Plan,
+    hand: Hand,
+    object_: Object,
+    trajectory: Trajectory,
+    perturbation: Perturbation,
+) -> Engine:
+    """The simulation, the object in the fixture."""
+    X_WO, gravity = trajectory.at(0.0).X_WO[0], np.array(plan.task.physics.gravity)
+    friction, told = plan.task.physics.friction, commands(trajectory)
+    if engine == "drake":
+        return Physics(
+            hand,
+            object_,
+            told,
+            X_WO,
+            gravity=gravity,
+            friction=friction,
+            perturbation=perturbation,
+            contact=contact,
+        )
+    try:
+        from drake_hand.physics.mujoco_simulation import MujocoPhysics
+    except ImportError as e:
+        expected = "pip install 'drake_hand[mujoco]'"
+        raise InputError("MuJoCo is not installed", key="--engine", found=engine, expected=expected) from e
+    return MujocoPhysics(
+        hand,
+        object_,
+        told,
+        X_WO,
+        gravity=gravity,
+        friction=friction,
+        pad_stiffness=pad_stiffness(plan, hand, object_, perturbation.stiffness),
+        perturbation=perturbation,
+    )
 
 
 def commands(trajectory: Trajectory) -> PiecewisePolynomial:
@@ -260,12 +161,3 @@ def commands(trajectory: Trajectory) -> PiecewisePolynomial:
     rates[[0, -1]] = 0.0
     q = PiecewisePolynomial.CubicHermite(t, held(states.q), held(rates))
     return q + PiecewisePolynomial.FirstOrderHold(t, held(states.q_offset))
-
-
-def cores() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _run(plan: Plan, perturbation: Perturbation, contact: ContactKind) -> Run:
-    return replay(plan, perturbation, contact)[0]

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.feedback.correction import CorrectionReport
 from drake_hand.model.object import Object
 from drake_hand.physics.deviation import Slip, deviation, main_axis, slips
-from drake_hand.physics.simulation import Perturbation
+from drake_hand.physics.engine import Perturbation
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
@@ -76,11 +77,20 @@ class Run:
     strays: dict[str, float]
     """Seconds for which two links touched, other than a fingertip and the object."""
     errors: Errors
+    correction: CorrectionReport | None
+    """What feedback did, where there was any."""
     realtime_factor: float
 
 
 def judge(
-    record: Record, plan: Plan, object_: Object, perturbation: Perturbation, *, free: float, dropped: bool
+    record: Record,
+    plan: Plan,
+    object_: Object,
+    perturbation: Perturbation,
+    *,
+    free: float,
+    dropped: bool,
+    correction: CorrectionReport | None = None,
 ) -> Run:
     """Compares a record with its plan from time `free` on."""
     k = record.t >= free - 1e-9
@@ -128,5 +138,6 @@ def judge(
             tilt_deg=reported(off.tilt_deg, 4),
             rotation_deg=reported(off.rotation_deg, 4),
         ),
+        correction=correction,
         realtime_factor=float(record.t[-1] - record.t[0]) / record.wall_s,
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
-import msgspec
 import numpy as np
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -34,13 +33,13 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import JointActuator, ModelInstanceIndex, PdControllerGains, RigidBody
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import MatrixGain, TrajectorySource
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.spatial.transform import Rotation
 
-from drake_hand.model.hand import Hand, PadSpec
+from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.plant import add_hand_and_object
+from drake_hand.physics.engine import Perturbation, Touch, stiffer
 
 ContactKind = Literal["hydroelastic", "point"]
 
@@ -52,55 +51,6 @@ _SIDES = 32
 """Of the polyhedron that stands for a round object."""
 _HARD = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Perturbation:
-    """What is not as planned in a run."""
-
-    friction: float = 1.0
-    """Factor."""
-    mass: float = 1.0
-    """Factor on the object's mass."""
-    stiffness: float = 1.0
-    """Factor on servo and pad stiffness."""
-    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of the object's start position, in W."""
-    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Rotation vector of the object's start orientation, in W."""
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator) -> Perturbation:
-        """Friction, mass and stiffness within 20 %, the start 1 mm and 2 deg off in random directions."""
-
-        def direction(size: float) -> tuple[float, float, float]:
-            a = rng.normal(size=3)
-            x, y, z = size * a / np.linalg.norm(a)
-            return float(x), float(y), float(z)
-
-        friction, mass, stiffness = (float(x) for x in rng.uniform(0.8, 1.2, 3))
-        return cls(friction=friction, mass=mass, stiffness=stiffness, shift_mm=direction(1.0), turn_deg=direction(2.0))
-
-    def start(self, X_WO: np.ndarray) -> np.ndarray:
-        """The (4, 4) start pose in place of the planned one."""
-        X = X_WO.copy()
-        X[:3, :3] = Rotation.from_rotvec(self.turn_deg, degrees=True).as_matrix() @ X_WO[:3, :3]
-        X[:3, 3] += np.array(self.shift_mm) * 1e-3
-        return X
-
-
-@dataclass(frozen=True, kw_only=True)
-class Touch:
-    """What the fingertips do to the object at an instant. Fingers in the hand's order."""
-
-    f_W: np.ndarray
-    """(fingers, 3) force on the object, N; zero where a tip does not touch."""
-    p_W: np.ndarray
-    """(fingers, 3) point where it acts, m; NaN where a tip does not touch."""
-    slip_W: np.ndarray
-    """(fingers, 3) velocity of the tip's surface over the object's, m/s; zero where a tip does not touch."""
-    strays: tuple[str, ...]
-    """Pairs of links that touch, other than a fingertip and the object."""
 
 
 class Physics:
@@ -137,7 +87,7 @@ class Physics:
         """
         change = perturbation or Perturbation()
         self.hand = hand
-        pad = _stiffer(hand.pad, change.stiffness)
+        pad = stiffer(hand.pad, change.stiffness)
         material = CoulombFriction(friction * change.friction, friction * change.friction)
         builder = DiagramBuilder()
         self.plant: MultibodyPlant
@@ -178,9 +128,13 @@ class Physics:
             g: i for i, tip_body in enumerate(self._tips) for g in plant.GetCollisionGeometriesForBody(tip_body)
         }
         self._surface = set(plant.GetCollisionGeometriesForBody(self._object))
-        source = builder.AddSystem(TrajectorySource(commands, 1))
+        self._source = source = builder.AddSystem(TrajectorySource(commands, 1))
+        self._correction = builder.AddSystem(ConstantVectorSource(np.zeros(2 * hand.nq)))
+        told = builder.AddSystem(Adder(2, 2 * hand.nq))
         to_servos = builder.AddSystem(MatrixGain(_servo_order(plant, added.hand, hand)))
-        builder.Connect(source.get_output_port(), to_servos.get_input_port())
+        builder.Connect(source.get_output_port(), told.get_input_port(0))
+        builder.Connect(self._correction.get_output_port(), told.get_input_port(1))
+        builder.Connect(told.get_output_port(), to_servos.get_input_port())
         builder.Connect(to_servos.get_output_port(), plant.get_desired_state_input_port(added.hand))
         diagram = builder.Build()
         self._inspector = scene_graph.model_inspector()
@@ -189,6 +143,7 @@ class Physics:
         root.SetTime(commands.start_time())
         self._context = plant.GetMyMutableContextFromRoot(root)
         self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
+        self._rates = np.array([plant.GetJointByName(n).velocity_start() for n in hand.joints])
         self._set_hand(commands.value(commands.start_time())[:, 0])
         plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
         (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
@@ -202,9 +157,29 @@ class Physics:
         """Has the fixture hold the object again, where it is."""
         self._fixture.Lock(self._context)
 
+    def command(self, q: np.ndarray, v: np.ndarray) -> None:
+        """From now on the servos are told q (nq,), going on with v (nq,), instead of what was told before."""
+        t = self.time
+        self._source.UpdateTrajectory(PiecewisePolynomial.FirstOrderHold([t, t + 1.0], np.stack([q, q + v], axis=1)))
+
+    @property
+    def time(self) -> float:
+        """Of the simulation, s."""
+        return self._simulator.get_context().get_time()
+
+    @property
+    def v(self) -> np.ndarray:
+        """(nq,) joint speeds now, rad/s."""
+        return self.plant.GetVelocities(self._context)[self._rates]
+
     def advance(self, t: float) -> None:
         """Simulates up to time t, s."""
         self._simulator.AdvanceTo(t)
+
+    def correct(self, dq: np.ndarray) -> None:
+        """Adds dq (nq,) to the commands from now on."""
+        context = self._correction.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        self._correction.get_mutable_source_value(context).SetFromVector(np.append(dq, np.zeros_like(dq)))
 
     @property
     def q(self) -> np.ndarray:
@@ -275,14 +250,6 @@ def _edge(object_: Object) -> float:
     """Edge length of the object's hydroelastic mesh, m."""
     radii = [g.size[0] for g in object_.geometries if g.kind in ("sphere", "cylinder", "capsule")]
     return 2 * np.pi * min(radii, default=0.01) / _SIDES
-
-
-def _stiffer(pad: PadSpec, stiffness: float) -> PadSpec:
-    return msgspec.structs.replace(
-        pad,
-        hydroelastic_modulus_pa=pad.hydroelastic_modulus_pa * stiffness,
-        point_stiffness_n_m=pad.point_stiffness_n_m * stiffness,
-    )
 
 
 def _actuator(plant: MultibodyPlant, joint: str) -> JointActuator:

@@ -116,7 +116,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     except Unbalanced as e:
         raise _blamed(e, balanced, legs, starts, X) from e
     lost = INTERPOLATED * holding.weight
-    more = finer(legs, starts, p, normal * touching[..., None], forces.f_W, lost)
+    more = finer(legs, starts, p, forces.f_W, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding)
     pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)

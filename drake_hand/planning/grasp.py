@@ -26,8 +26,8 @@ LOOKED_AT = 300
 """Of those that hold, how many are looked at more closely."""
 ENDURING = 3
 """Fingers with contacts that last all the way make a grasp by themselves if they are as many."""
-EASED = 100.0
-"""Times the effort, or the friction, with which it is asked what a grasp is short of."""
+AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
+"""Friction, and times the effort there is, with which it is asked what grasps are short of."""
 AHEAD = 40
 """How far their contacts are followed along the nominal way, coarse steps."""
 LASTING = 3.0
@@ -168,8 +168,8 @@ def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.nda
     if load.kinematic:
         return least, "balance"
     eased = (
-        ("the joints' efforts are too small", "effort", load._replace(effort=EASED * load.effort)),
-        ("friction is too low", "friction", load._replace(friction=EASED * load.friction)),
+        ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
+        ("the joints' efforts are too small", "effort", load._replace(effort=AMPLE_EFFORT * load.effort)),
     )
     for words, constraint, other in eased:
         if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():

@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from drake_hand.plans.path import Leg
 
-PARALLEL = 0.3
-"""Normals span a direction if they have more of it than this share of what they have of the one they have most of."""
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
 
@@ -36,34 +34,28 @@ def with_ramps(legs: list[Leg]) -> list[Leg]:
     return [refine(leg) if rests(leg) else leg for leg in legs]
 
 
-def finer(
-    legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, n_W: np.ndarray, f_W: np.ndarray, torque: float
-) -> list[Leg] | None:
+def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray, torque: float) -> list[Leg] | None:
     """Legs with knots close enough for forces that are linear between them, or None where all have them.
 
     Halfway between knots at which they balance, forces that change are off by a quarter of their change times that of
-    the contact points, and the points themselves by an eighth of their second difference. What of that torque lies in
-    the span of the normals the contacts' torsion makes up for.
+    the contact points, and the points themselves by an eighth of their second difference.
 
     Args:
         legs: end to end.
         starts: (legs + 1,) the knots they start at.
         p_WP: (n, k, 3) contact points.
-        n_W: (n, k, 3) normals, zero where there is no contact.
         f_W: (n, k, 3) forces.
         torque: that may be lost between knots, Nm.
     """
     out, changed = [], False
     for leg, a in zip(legs, starts, strict=False):
         rows, times = slice(a, a + len(leg.q)), 1
-        p, n, f = p_WP[rows], n_W[rows][1:], f_W[rows]
+        p, f = p_WP[rows], f_W[rows]
         if not rests(leg) and len(p) > 2:
             bend = np.diff(p, 2, axis=0)
             bend = (np.concatenate([bend[:1], bend]) + np.concatenate([bend, bend[-1:]])) / 2
             lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
-            off = lost.sum(axis=1)[..., None]
-            off -= np.linalg.pinv(n, rcond=PARALLEL) @ n @ off
-            times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(off[..., 0], axis=1).max() / torque))))
+            times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(lost.sum(axis=1), axis=1).max() / torque))))
         changed |= times > 1
         out.append(resampled(leg, times) if times > 1 else leg)
     return out if changed else None

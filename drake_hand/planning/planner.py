@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import msgspec
 
@@ -15,25 +15,26 @@ from drake_hand.plans.path import Path
 from drake_hand.plans.task import Task
 
 
-def find_path(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Path:
-    """Plans a task.
+def find_paths(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Iterator[Path]:
+    """Plans a task, in ever other ways.
 
     Args:
         task: what is asked.
         progress: called often with where planning stands.
 
     Returns:
-        The path, without time.
+        Paths, without time, each found when asked for.
 
     Raises:
         InputError: hand, object or task are wrong.
-        NoPlanFound: naming mode, finger, constraint and object pose; ``status`` tells infeasible from timeout.
+        NoPlanFound: there is none, or no further one; names mode, finger, constraint and object pose, and ``status``
+            tells infeasible from timeout.
     """
     # A task written in Python may hold integers where a file has floats; a plan must read back as it was.
     task = msgspec.convert(msgspec.to_builtins(task), Task)
     task.validate()
     _check_names(task, Hand.load(task.hand))
-    return Run.of(task, progress or (lambda p: None)).plan()
+    yield from Run.of(task, progress or (lambda p: None)).paths()
 
 
 def _check_names(task: Task, hand: Hand) -> None:

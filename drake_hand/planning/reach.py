@@ -110,7 +110,9 @@ class ReachTable:
         X, r = self.path.X_WO[tick], kin.finger.radius
         n_W = self._normals @ X[:3, :3].T
         q, residual = kin.ik(self._points @ X[:3, :3].T + X[:3, 3] + r * n_W)
-        near = np.flatnonzero(residual < 1e-5)
+        # Where the surface is hollow a tip that touches one side may be inside another.
+        fits = self.clearance.surface.closest(self._points + r * self._normals)[2] > r - 1e-5
+        near = np.flatnonzero((residual < 1e-5) & fits)
         around = Surroundings(clearance=self.clearance, X_WO=X, others=self.parked)
         _, able = lift(around, finger, q[near], n_W[near], LIFTS[0])
         flow = self._roll(finger, tick, q[near[able]])

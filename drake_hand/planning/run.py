@@ -34,6 +34,8 @@ from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 
 PRELOAD = 0.1
 """Normal force every contact must be able to bear beside balancing the object, N."""
+INSIDE = 0.98
+"""Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
 FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
 STARTS = 6
@@ -48,7 +50,7 @@ USABLE = 8
 
 @dataclass(kw_only=True)
 class Run:
-    """One planning run; ask :func:`drake_hand.planning.planner.find_path`."""
+    """One planning run; ask :func:`drake_hand.planning.planner.find_paths`."""
 
     task: Task
     hand: Hand
@@ -99,24 +101,24 @@ class Run:
         """When time is up (monotonic clock)."""
         return self.started + self.task.options.time_limit_s
 
-    def plan(self) -> Path:
-        """Plans all steps.
+    def paths(self) -> Iterator[Path]:
+        """Plans all steps, in ever other ways.
 
         Raises:
-            NoPlanFound: says of the start that got farthest what blocked it.
+            NoPlanFound: there is none, or no further one; says of the start that got farthest what blocked it.
         """
         failures: list[NoPlanFound] = []
         try:
             for task, builder, rest in self._begun():
                 try:
-                    return self._path_of(task, self._follow(task, builder, rest))
+                    yield self._path_of(task, self._follow(task, builder, rest))
                 except NoPlanFound as e:
                     failures.append(e)
                     if time.monotonic() > self.deadline:
                         break
         except NoPlanFound as e:
             failures.append(e)
-        raise max(failures, key=lambda e: e.progress)
+        raise max(failures, key=lambda e: e.progress, default=NoPlanFound("there is no other plan"))
 
     def _path_of(self, task: Task, builder: LegBuilder) -> Path:
         return Path(
@@ -139,7 +141,7 @@ class Run:
         first, *rest = self.task.motion
         with self.stage("start"):
             rng = np.random.default_rng(self.task.options.seed)
-            tasks = start.variants(self.task, self.clearance, self.world, self.grid, rng)
+            tasks = start.variants(self.task, self.clearance, self.world, rng)
         if first.grasp and not any(isinstance(t.start, Pose) and t.start.joints_deg for t in tasks):
             moving = moving_steps(rest)
             for task, builder in self._grasped(tasks, first.grasp, moving):
@@ -325,6 +327,7 @@ class Run:
                 if end is not None:
                     found = True
                     yield task, self._built(builder, search.moves, end)
+                    search.restart()  # what was found did not do, nor would what is much like it
         late = time.monotonic() > self.deadline
         failures += [x[2].failure("timeout" if late else "infeasible") for x in open_]
         if not found or late:
@@ -364,7 +367,7 @@ class Run:
             path=path,
             corridor=Corridor(rad=0.0, m=0.0)
             if corridor == "none"
-            else Corridor(rad=np.radians(corridor.deg), m=corridor.mm * 1e-3),
+            else Corridor(rad=INSIDE * np.radians(corridor.deg), m=INSIDE * corridor.mm * 1e-3),
             fingers=fingers,
             allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
             rng=np.random.default_rng(task.options.seed),

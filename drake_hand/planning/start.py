@@ -1,124 +1,180 @@
-"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them."""
+"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them.
+
+Where the palm faces and where fingers meet is found from the hand, whatever its frame (`model.closing`).
+"""
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.kernels import clear, transit
+from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.object_path import MOVING, as_pose, build, pose
-from drake_hand.planning.world import Grid
-from drake_hand.plans.task import Task
+from drake_hand.plans.task import Task, Vector
+from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 DRAWN = 400
 """Poses drawn before the first, coarse choice."""
 RATED = 16
 """Of those, poses from which grasps are looked for."""
-_SPACING, _PROBES = 8.0e-3, 80
-"""Surface points whose reach is looked at: how far apart they are, m, and how many."""
 _ALONG = 9
 """Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
 _HALF_BREADTH = 0.05
 """Of the part of a long object that lies across the fingers, m."""
 _SIDES = 0.3
 """Share of the object's sides that a finger has to reach to be of use."""
-PALMS = ((-9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0))
-"""Gravity in W for the palm up, the thumb up, the fingers up and the palm down, m/s^2."""
+_POSTURES = 3000
+"""Random postures of each finger."""
+_NEAR = 4.0e-3
+"""A contact this near one of them counts as reached, m."""
+_FROM_OUTSIDE, _PAD = 0.25, 0.5
+"""Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
+_OPPOSITE = -0.7
+"""Largest cosine between normals that two fingers press on from opposite sides."""
+_JITTER = 0.015
+"""m; how far from where fingertips meet an object's middle may be."""
 TILT = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
 
-def variants(task: Task, clearance: Clearance, world: World, grid: Grid, rng: np.random.Generator) -> list[Task]:
+def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[Task]:
     """The task with every ``auto`` replaced, the most promising first.
 
     Where both start and palm are free the palms take turns.
     """
-    palms = [task.physics.gravity]
-    if palms == ["auto"]:
-        palms = list(PALMS) if task.options.hold == "equilibrium" else [(0.0, 0.0, -9.81)]
-    starts = [task.start]
-    if task.start == "auto":
-        starts = [as_pose(X) for X in poses(task, clearance, world, grid, rng)]
-    pairs = zip(starts, itertools.cycle(palms), strict=False) if len(starts) > 1 else itertools.product(starts, palms)
+    gravity = task.physics.gravity
+    ways = [gravity] if gravity != "auto" else palms(clearance.hand)
+    if task.options.hold != "equilibrium":
+        ways = ways[:1]
+    starts = [as_pose(X) for X in poses(task, clearance, world, rng)] if task.start == "auto" else [task.start]
+    pairs = zip(starts, itertools.cycle(ways), strict=False) if len(starts) > 1 else itertools.product(starts, ways)
     return [
         msgspec.structs.replace(task, start=start, physics=msgspec.structs.replace(task.physics, gravity=palm))
         for start, palm in pairs
     ]
 
 
-def poses(task: Task, clearance: Clearance, world: World, grid: Grid, rng: np.random.Generator) -> list[np.ndarray]:
-    """Poses X_WO (4, 4), the most promising first: where most fingers reach several sides of it.
+def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
+    """Poses X_WO (4, 4), the most promising first: where most fingers reach several sides of it, and along its way too.
 
-    The object's long axis lies along the line of the finger bases, as a pencil lies across the fingers, give or take
-    30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through its own
-    origin and the object is symmetric about its long axis, half of the poses align the two.
+    Its middle is near where fingertips meet, clear of the palm. Its long axis lies along the line of the finger bases,
+    as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the
+    object about an axis of W through its own origin and the object is symmetric about its long axis, half of the poses
+    align the two.
 
     Args:
         task: what is asked.
         clearance: of the scene.
         world: likewise.
-        grid: likewise.
         rng: for sampling.
     """
     surface = clearance.surface
     moving = list(itertools.takewhile(lambda s: s.kind in MOVING, task.motion[1:]))
-    tips = [
-        kin.fk(kin.lower + rng.random((1000, len(kin.lower))) * (kin.upper - kin.lower))[0]
-        for kin in clearance.kinematics
-    ]
-    low, high = np.percentile(np.concatenate(tips), [5, 95], axis=0)
-    axis = _base_line(clearance)
+    fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
+    middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
     given = None
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
         if not surface.symmetric_about(surface.long_axis, surface.centre):
             given = None
-    points, normals = surface.sample(_SPACING)
+    points, outward = surface.sample(8e-3)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH
-    points, normals = points[near], normals[near]
-    pick = rng.permutation(len(points))[:_PROBES]
-    points, normals = np.ascontiguousarray(points[pick]), np.ascontiguousarray(normals[pick])
+    samples, normals = points[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
-    m = world.chains.lower.shape[1]
-    q, p_WP, n_W = np.zeros((len(points), m)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-    reached = np.zeros(len(points), dtype=bool)
+    units = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    opposite = units @ units.T < _OPPOSITE
+
+    def value(X: np.ndarray) -> float:
+        reached = [f.reaches(samples, normals, X) for f in fingers]
+        of_side = np.stack([np.bincount(side, r, len(sides)) > 0 for r in reached])
+        able = of_side.sum(axis=1) >= _SIDES * len(sides)
+        pairs = itertools.combinations(of_side[of_side.any(axis=1)], 2)
+        held = any((opposite & a[:, None] & b[None]).any() for a, b in pairs)
+        return float(held + sum(able) + sum(float(r.mean()) for r in reached))
+
     found = []
     for k in range(DRAWN):
-        along = given if given is not None and k % 2 == 0 else _lean(axis, rng)
+        along = given if given is not None and k % 2 == 0 else _lean(_across(clearance.hand, rng), rng)
         X = np.eye(4)
         about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
         X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
-        X[:3, 3] = rng.uniform(low, high) - X[:3, :3] @ surface.centre
+        middle = middles[rng.integers(len(middles))] + _JITTER * rng.normal(size=3)
+        X[:3, 3] = middle - X[:3, :3] @ surface.centre
         X = pose(as_pose(X))
         way = build(X, moving).X_WO if moving else X[None]
-        way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _ALONG).astype(int), :3])
-        if not all(clear.object_off_palm(world, rows, world.clearance) for rows in way):
-            continue
-        least = np.inf
-        for rows in way[:: (_ALONG - 1) // 2]:
-            value = 0.0
-            for f, seeds in enumerate(grid.seeds):
-                transit.contacts(world, f, seeds, points, normals, rows, q, p_WP, n_W, reached)
-                value += float(reached.mean()) + (len(np.unique(side[reached])) >= _SIDES * len(sides))
-            least = min(least, value)
-        found.append((least, X))
+        way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _ALONG).astype(int)])
+        if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
+            found.append((min(value(x) for x in way[:: (_ALONG - 1) // 2]), X))
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     return [found[k][1] for k in order[:RATED]]
 
 
-def _base_line(clearance: Clearance) -> np.ndarray:
-    """(3,) unit direction of the row of finger bases; the base farthest from the rest, the thumb's, does not count."""
-    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in clearance.hand.fingers])
-    if len(bases) > 3:
-        apart = np.linalg.norm(bases[:, None] - bases[None], axis=2).sum(axis=1)
-        bases = np.delete(bases, int(apart.argmax()), axis=0)
-    return np.linalg.svd(bases - bases.mean(axis=0))[2][0]
+def palms(hand: Hand) -> list[Vector]:
+    """Gravity in W, m/s^2, for the palm up, the thumb's side up, the fingers up and the palm down; no two alike."""
+    c = hand.closing
+    out: list[Vector] = []
+    for up in (c.palm, c.side, c.fingers, -c.palm):
+        x, y, z = (float(v) + 0.0 for v in np.round(-STANDARD_GRAVITY * up, 6))
+        if all(np.dot(g, (x, y, z)) < 0.9 * STANDARD_GRAVITY**2 for g in out):
+            out.append((x, y, z))
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Finger:
+    """Random postures of one finger: where its tip is, and which way it points."""
+
+    tree: cKDTree
+    end: np.ndarray
+    """(N, 3) along the fingertip, in W."""
+    pad: np.ndarray
+    """(N, 3) out of its pad, in W."""
+    radius: float
+
+    @classmethod
+    def of(cls, clearance: Clearance, i: int, rng: np.random.Generator) -> _Finger:
+        kin, closing = clearance.kinematics[i], clearance.hand.closing
+        p, R = kin.fk(kin.lower + rng.random((_POSTURES, len(kin.lower))) * (kin.upper - kin.lower))
+        return cls(
+            tree=cKDTree(p), end=R @ closing.ends[i], pad=R @ closing.pads[i], radius=clearance.hand.fingers[i].radius
+        )
+
+    def reaches(self, p_O: np.ndarray, n_O: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
+        """(M,) which contacts at p_O (M, 3) with outward normals n_O (M, 3) it reaches from outside."""
+        n = n_O @ X_WO[:3, :3].T
+        d, rows = self.tree.query(p_O @ X_WO[:3, :3].T + X_WO[:3, 3] + self.radius * n, distance_upper_bound=_NEAR)
+        out = np.isfinite(d)
+        rows = rows[out]
+        out[out] = (np.einsum("ni,ni->n", self.end[rows], n[out]) < _FROM_OUTSIDE) & (
+            np.einsum("ni,ni->n", self.pad[rows], n[out]) < _PAD
+        )
+        return out
+
+
+def _meeting(trees: list[cKDTree], half: float) -> np.ndarray:
+    """(N, 3) places, all alike in W, that most fingertips come near: by half of an object's breadth and a bit, m."""
+    everything = np.concatenate([tree.data for tree in trees])
+    count = np.sum([tree.query(everything)[0] < half + _JITTER for tree in trees], axis=0)
+    return everything[count >= max(2, count.max() - 1)] if count.max() > 1 else everything
+
+
+def _across(hand: Hand, rng: np.random.Generator) -> np.ndarray:
+    """(3,) unit direction of the row of finger bases, the thumb's apart; any across the palm where there is no row."""
+    bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in hand.fingers if f.index != hand.closing.thumb])
+    _, spread, directions = np.linalg.svd(bases - bases.mean(axis=0))
+    if spread[0] > 2 * spread[min(1, len(spread) - 1)] + _NEAR:
+        return directions[0]
+    turn = Rotation.from_rotvec(hand.palm_direction * rng.uniform(0, np.pi))
+    return turn.apply(hand.closing.side)
 
 
 def _lean(axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:

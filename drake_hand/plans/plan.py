@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -16,6 +16,9 @@ from drake_hand.errors import InputError, MissingFile, nearest
 from drake_hand.files import bundled, load, write_atomic
 from drake_hand.plans.task import SUFFIX as TASK_SUFFIX
 from drake_hand.plans.task import Task
+
+if TYPE_CHECKING:
+    from drake_hand.plans.trajectory import States
 
 SUFFIX = ".plan.json"
 
@@ -58,6 +61,9 @@ class Part(_Strict, frozen=True, kw_only=True):
     q_offset: list[Row] | None = None
     """(n, nq) added to q when commanded, K^-1 J^T f (linear between knots); null in kinematic plans."""
 
+    def __repr__(self) -> str:
+        return f"Part({self.mode}, {self.t[0]:.3f} to {self.t[-1]:.3f} s, events={self.events})"
+
 
 class Worst(_Strict, frozen=True, kw_only=True):
     """The worst value of one certificate field and where it happened."""
@@ -92,6 +98,11 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     def intact(self) -> bool:
         """Whether it says what it said when it was made."""
         return self.digest == self.sealed().digest
+
+    def _repr_html_(self) -> str:
+        from drake_hand.plans.words import certificate_card
+
+        return certificate_card(self)
 
 
 class Plan(_Strict, frozen=True, kw_only=True):
@@ -131,6 +142,29 @@ class Plan(_Strict, frozen=True, kw_only=True):
         """Whether it carries a certificate that says yes, is as it was made, and is about this very plan."""
         c = self.certificate
         return c is not None and c.certified and c.intact and c.plan_hash == self.hash
+
+    def __reduce__(self) -> tuple:
+        # By way of JSON: msgspec tells defaults by identity, which pickling loses, and with it the hash.
+        return _from_json, (msgspec.json.encode(self),)
+
+    def at(self, t: np.ndarray | float) -> States:
+        """Joints, object pose, contacts and forces at times t (k,), s; held at the ends of the plan.
+
+        Who asks often makes a :class:`drake_hand.Trajectory` once.
+        """
+        from drake_hand.plans.trajectory import Trajectory
+
+        return Trajectory(self).at(t)
+
+    def __repr__(self) -> str:
+        from drake_hand.plans.words import badge, title
+
+        return f"Plan({title(self)}; {self.hand}, {len(self.parts)} parts, {self.duration:.1f} s, {badge(self)})"
+
+    def _repr_html_(self) -> str:
+        from drake_hand.plans.words import plan_card
+
+        return plan_card(self)
 
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all."""
@@ -216,3 +250,7 @@ def _digest(whole: msgspec.Struct) -> str:
     """sha256 of a structure as it reads back from a file (where 1 is 1.0)."""
     read = msgspec.json.decode(msgspec.json.encode(whole), type=type(whole))
     return hashlib.sha256(msgspec.json.encode(read, order="deterministic")).hexdigest()
+
+
+def _from_json(text: bytes) -> Plan:
+    return msgspec.json.decode(text, type=Plan)

@@ -105,7 +105,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
         from distributed import Client, LocalCluster
     except ImportError as e:
         raise InputError("sweeps need Dask", found="none", expected="pip install 'drake_hand[sweep]'") from e
-    from drake_hand.physics.replay import cores
+    from drake_hand.physics.runs import cores
 
     quiet = {
         "distributed.scheduler.allowed-failures": _TRIES - 1,

@@ -73,8 +73,10 @@ class Along(Measured):
 
     @property
     def clearance(self) -> tuple[np.ndarray, Where]:
-        """(N,) m, at most `NEAR`."""
-        return self.seen.clearance[self.rows], [self.seen.nearest[i] for i in self.rows]
+        """(N,) m; `NEAR` but at the sample where it is least, which is the only one looked at closely."""
+        least, sample, pair = self.seen.nearest
+        there = self.rows == sample
+        return np.where(there, least, NEAR), [pair if x else "" for x in there]
 
     def _states(self, rows: np.ndarray) -> State:
         s = self.seen.states

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drake_hand.contact.submodel import Submodel
-
-SUBMODEL = {Submodel.FREE: "#d5d9e0", Submodel.ROLL: "#2a6fbb", Submodel.SLIDE: "#e08a1e"}
+SUBMODEL = {"0": "#d5d9e0", "1": "#2a6fbb", "2": "#e08a1e"}
+"""By digit of the mode code: FREE, ROLL, SLIDE."""
+SUBMODEL_NAME = {"0": "free", "1": "rolling", "2": "sliding"}
 
 CONTACT = "#111827"
 

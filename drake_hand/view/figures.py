@@ -1,8 +1,8 @@
-"""Figures of a plan: mode timeline, joints and their speeds against limits, object motion, contacts, forces."""
+"""Figures of a plan over time: modes, joints and speeds in their limits, object, contacts, forces, margin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,186 +10,211 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from drake_hand.contact.chain import FingerKinematics
+from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
-from drake_hand.modes.code import Mode
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import States, Trajectory
-from drake_hand.view.colors import SUBMODEL, finger_color
+from drake_hand.view import paper_figures
+from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
+from drake_hand.view.course import Course, turned
+from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save
 
 SAMPLES = 2000
 GAP_MM = 0.1
 """Contact gap the certificate allows."""
+_STYLES = ("-", "--", ":", "-.")
 
 
-def draw_plan(plan: Plan, hand: Hand, folder: Path) -> list[Path]:
-    """Draws all figures of a plan as PNG files.
+def drawings(plan: Plan, hand: Hand) -> dict[str, Callable[[], Figure]]:
+    """What there is to draw of a plan, by name; those of the paper bear its number."""
+    course = Course.of(plan, hand, np.linspace(0.0, plan.duration, SAMPLES))
+    found: dict[str, Callable[[], Figure]] = {
+        "fig11_automaton": lambda: paper_figures.draw_automaton(plan),
+        "fig12_coordination": lambda: paper_figures.draw_coordination(plan, course),
+        "fig13_states": lambda: paper_figures.draw_states(plan),
+        "fig14_frames": lambda: paper_figures.draw_frames(plan, course),
+        "fig15_path": lambda: paper_figures.draw_path(plan, course),
+        "fig16_velocity": lambda: paper_figures.draw_velocity(plan, course),
+        "modes": lambda: draw_modes(plan),
+        "joints": lambda: draw_joints(plan, course),
+        "speeds": lambda: draw_speeds(plan, course),
+        "object": lambda: draw_object(plan, course),
+        "contacts": lambda: draw_contacts(plan, course),
+        "contact_map": lambda: paper_figures.draw_contact_map(plan, course),
+    }
+    if np.any(course.states.f_W):
+        found["forces"] = lambda: draw_forces(plan, course)
+        found["margin"] = lambda: draw_margin(plan, course)
+    return found
+
+
+def draw_plan(plan: Plan, hand: Hand, folder: Path, *, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draws all figures of a plan.
 
     Args:
         plan: the plan.
         hand: its hand, for limits and fingertips.
         folder: where to; made if missing.
+        formats: of ``svg``, ``pdf`` and ``png``.
 
     Returns:
         The files written.
+
+    Raises:
+        InputError: an unknown format.
     """
-    states = Trajectory(plan).at(np.linspace(0.0, plan.duration, SAMPLES))
-    drawings: dict[str, Callable[[], Figure]] = {
-        "modes": lambda: draw_modes(plan),
-        "joints": lambda: draw_joints(plan, hand, states),
-        "speeds": lambda: draw_speeds(plan, hand, states),
-        "object": lambda: draw_object(plan, states),
-        "contacts": lambda: draw_contacts(plan, hand, states),
-    }
-    if np.any(states.f_W):
-        drawings["forces"] = lambda: draw_forces(plan, states)
-    folder.mkdir(exist_ok=True)
+    for suffix in formats:
+        if suffix not in FORMATS:
+            raise InputError("unknown format", key="formats", found=suffix, expected=", ".join(FORMATS))
     files = []
-    for name, draw in drawings.items():
-        figure = draw()
-        files.append(folder / f"{name}.png")
-        figure.savefig(files[-1], dpi=130)
+    with in_print():
+        for name, draw in drawings(plan, hand).items():
+            files += save(draw(), folder, name, formats)
     return files
 
 
 def draw_modes(plan: Plan) -> Figure:
-    """Which finger is free, rolling or sliding when (as the paper's Fig. 12)."""
-    n = len(plan.fingers)
-    figure = Figure(figsize=(10, 1.2 + 0.35 * n), layout="constrained")
+    """Which finger is free, rolling or sliding when."""
+    figure = column(14 + 5 * len(plan.fingers))
     ax = figure.subplots()
-    mode_timeline(ax, plan)
+    for part in plan.parts:
+        for row, code in enumerate(part.mode):
+            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL[code], linewidth=0)
+    ax.set_yticks(range(len(plan.fingers)), plan.fingers)
+    ax.set_xlim(0, plan.duration)
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
     ax.set_xlabel("time [s]")
-    merged = [p for i, p in enumerate(plan.parts) if i == 0 or p.mode != plan.parts[i - 1].mode]
-    if len(merged) <= 24:
-        for part in merged:
-            ax.annotate(
-                part.mode,
-                (part.t[0], n - 0.4),
-                rotation=45,
-                fontsize=7,
-                family="monospace",
-                annotation_clip=False,
-            )
-        ax.set_title(" ", fontsize=22)
-    shown = sorted({s for p in plan.parts for s in Mode.parse(p.mode, plan.fingers).submodels})
+    shown = sorted({c for p in plan.parts for c in p.mode})
     figure.legend(
-        handles=[Patch(color=SUBMODEL[s], label=s.word) for s in shown],
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
+        handles=[Patch(color=SUBMODEL[c], label=SUBMODEL_NAME[c]) for c in shown], loc="outside lower center", ncols=3
     )
     return figure
 
 
-def mode_timeline(ax: Axes, plan: Plan) -> None:
-    """Draws the bars of the mode timeline into given axes, little finger at the bottom."""
-    for part in plan.parts:
-        for row, submodel in enumerate(Mode.parse(part.mode, plan.fingers).submodels):
-            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL[submodel], linewidth=0)
-    ax.set_yticks(range(len(plan.fingers)), plan.fingers)
-    ax.set_xlim(0, plan.duration)
-    ax.tick_params(length=0)
-    ax.spines[["top", "right", "left"]].set_visible(False)
-
-
-def draw_joints(plan: Plan, hand: Hand, states: States) -> Figure:
-    """Joint positions, a panel per finger, limits dashed."""
-    figure, axes = _panels(plan, "position [deg]")
+def draw_joints(plan: Plan, course: Course) -> Figure:
+    """Where each joint is in its range, a panel per finger: 0 the lower limit, 100 the upper."""
+    hand = course.hand
+    figure, axes = _finger_panels(plan)
     for finger, ax in zip(hand.fingers, axes, strict=True):
-        for k, column in enumerate(finger.columns):
-            (line,) = ax.plot(states.t, np.degrees(states.q[:, column]), label=hand.joints[column])
-            for limit in (hand.q_lower[column], hand.q_upper[column]):
-                ax.axhline(np.degrees(limit), color=line.get_color(), ls=(k, (3, 3)), lw=0.7, alpha=0.6)
-        _legend(ax)
+        for k, i in enumerate(finger.columns):
+            span = hand.q_upper[i] - hand.q_lower[i]
+            share = 100 * (course.states.q[:, i] - hand.q_lower[i]) / span
+            name = hand.joints[i].removeprefix(f"{finger.name}_")
+            ax.plot(course.states.t, share, _STYLES[k % 4], color=f"C{k}", label=name)
+        ax.axhspan(0, 100, color="0.965", zorder=-1)
+        ax.set_ylim(-8, 108)
+        ax.set_yticks([0, 50, 100])
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.1), handlelength=1.6)
+    figure.supylabel("place in the joint's range [%]", fontsize=7)
     return figure
 
 
-def draw_speeds(plan: Plan, hand: Hand, states: States) -> Figure:
-    """Joint speeds and accelerations as a share of their limits; 1 is the limit."""
-    figure, axes = _panels(plan, "share of limit")
+def draw_speeds(plan: Plan, course: Course) -> Figure:
+    """Greatest joint speed and acceleration of each finger as a share of their limits."""
+    hand, s = course.hand, course.states
+    figure, axes = _finger_panels(plan)
     for finger, ax in zip(hand.fingers, axes, strict=True):
         columns = finger.columns
-        ax.plot(states.t, np.max(np.abs(states.v[:, columns]) / hand.speed[columns], axis=1), label="speed")
-        ratio = np.max(np.abs(states.a[:, columns]) / hand.acceleration[columns], axis=1)
-        ax.plot(states.t, ratio, label="acceleration", lw=0.8)
-        ax.axhline(1.0, color="0.3", ls="--", lw=0.8)
-        ax.set_ylim(0, None)
-    _legend(axes[-1])
+        ratio = np.max(np.abs(s.a[:, columns]) / hand.acceleration[columns], axis=1)
+        ax.plot(s.t, 100 * ratio, label="acceleration", lw=0.5, color="#e69f00")
+        speed = np.max(np.abs(s.v[:, columns]) / hand.speed[columns], axis=1)
+        ax.plot(s.t, 100 * speed, label="speed", color="#0072b2")
+        ax.axhline(100, color="0.3", ls="--", lw=0.6)
+        ax.set_ylim(0, 112)
+    figure.supylabel("share of the limit [%]", fontsize=7)
+    legend_below(figure, axes[-1])
     return figure
 
 
-def draw_object(plan: Plan, states: States) -> Figure:
-    """Object: rotation since the start (winding counted) about each axis of W, and displacement."""
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    turn, shift = figure.subplots(2, 1, sharex=True)
-    steps = np.diff(states.t, prepend=states.t[0])[:, None]
-    rotation = np.degrees(np.cumsum(states.V_WO[:, :3] * steps, axis=0))
-    position = 1e3 * (states.X_WO[:, :3, 3] - states.X_WO[0, :3, 3])
-    for ax, values, unit in ((turn, rotation, "rotation [deg]"), (shift, position, "displacement [mm]")):
-        for i, axis in enumerate("xyz"):
-            ax.plot(states.t, values[:, i], label=f"{axis} of W")
-        ax.set_ylabel(unit)
-        low, high = ax.get_ylim()
-        ax.set_ylim(min(low, -1.0), max(high, 1.0))
-        _switches(ax, plan)
-    _legend(turn)
-    shift.set_xlabel("time [s]")
+def draw_object(plan: Plan, course: Course) -> Figure:
+    """Turn of the object about the axis it turns about, with the angle asked for, and its displacement."""
+    s = course.states
+    figure, (turn, shift) = panels(62, 2)
+    angle, axis = turned(s)
+    asked = sum(step.rotate.angle_deg for step in plan.task.motion if step.rotate)
+    turn.plot(s.t, angle, color="#0072b2")
+    if asked:
+        turn.axhline(abs(asked), color="0.3", ls="--", lw=0.6)
+        turn.annotate(f"asked: {abs(asked):g} deg", (0.01 * plan.duration, abs(asked)), va="bottom", fontsize=6.5)
+        turn.margins(y=0.12)
+    about = f" about ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) of W" if angle.any() else ""
+    turn.set_title(f"turn{about}", loc="left")
+    turn.set_ylabel("[deg]")
+    position = 1e3 * (s.X_WO[:, :3, 3] - s.X_WO[0, :3, 3])
+    for i, (name, style) in enumerate(zip("xyz", _STYLES, strict=False)):
+        shift.plot(s.t, position[:, i], style, color=f"C{i}", label=f"{name} of W")
+    shift.set_title("displacement", loc="left")
+    shift.set_ylabel("[mm]")
+    low, high = shift.get_ylim()
+    shift.set_ylim(min(low, -1.0), max(high, 1.0))
+    for ax in (turn, shift):
+        mark_switches(ax, plan)
+    legend_below(figure, shift)
     return figure
 
 
-def draw_contacts(plan: Plan, hand: Hand, states: States) -> Figure:
-    """Distance between fingertip and contact point: zero is touching, the band is what the certificate allows."""
-    figure = Figure(figsize=(10, 3.2), layout="constrained")
-    ax = figure.subplots()
-    p_WP = np.einsum("kij,kfj->kfi", states.X_WO[:, :3, :3], states.p_OP) + states.X_WO[:, None, :3, 3]
-    for finger in hand.fingers:
-        p_WC, _ = FingerKinematics.of(hand, finger).fk(states.q[:, finger.columns])
-        gap = np.linalg.norm(p_WP[:, finger.index] - p_WC, axis=1) - finger.radius
-        ax.plot(states.t, 1e3 * gap, color=finger_color(finger.index), label=finger.name)
-    low, high = ax.get_ylim()
-    ax.set_ylim(min(low, -0.15), max(high, 0.15))
-    ax.axhspan(-GAP_MM, GAP_MM, color="0.94", zorder=0)
-    ax.set_ylabel("contact gap [mm]")
-    ax.set_xlabel("time [s]")
-    _legend(ax)
-    _switches(ax, plan)
-    return figure
-
-
-def draw_forces(plan: Plan, states: States) -> Figure:
-    """Planned contact force of each finger."""
-    figure = Figure(figsize=(10, 3.2), layout="constrained")
-    ax = figure.subplots()
+def draw_contacts(plan: Plan, course: Course) -> Figure:
+    """Distance between fingertip and contact point, with what the certificate allows."""
+    figure, (ax,) = panels(48, 1)
     for i, name in enumerate(plan.fingers):
-        ax.plot(states.t, np.linalg.norm(states.f_W[:, i], axis=1), color=finger_color(i), label=name)
-    ax.set_ylabel("contact force [N]")
-    ax.set_xlabel("time [s]")
-    _legend(ax)
-    _switches(ax, plan)
+        gap = np.maximum(1e3 * np.abs(course.gap[:, i]), 1e-6)
+        ax.semilogy(course.states.t, gap, _STYLES[i % 4], color=finger_color(i), label=name)
+    ax.axhline(GAP_MM, color="0.3", ls="--", lw=0.6)
+    ax.annotate(f"allowed: {GAP_MM:g} mm", (0.01 * plan.duration, GAP_MM), va="bottom", fontsize=6.5)
+    ax.set_ylim(top=10 * GAP_MM)
+    ax.set_ylabel("contact gap [mm]")
+    mark_switches(ax, plan)
+    legend_below(figure, ax)
     return figure
 
 
-def _panels(plan: Plan, label: str) -> tuple[Figure, list[Axes]]:
-    """One panel per finger over a common time axis, thumb (last) on top."""
-    n = len(plan.fingers)
-    figure = Figure(figsize=(10, 1.0 + 1.5 * n), layout="constrained")
-    panels = list(figure.subplots(n, 1, sharex=True, squeeze=False)[::-1, 0])
-    for name, ax in zip(plan.fingers, panels, strict=True):
-        ax.set_title(name, loc="left", fontsize=9)
-        _switches(ax, plan)
-    panels[0].set_xlabel("time [s]")
-    figure.supylabel(label, fontsize=10)
-    return figure, panels
+def draw_forces(plan: Plan, course: Course) -> Figure:
+    """Planned contact force of each finger, the share of its friction cone left, and its joints' torque."""
+    s = course.states
+    figure, axes = panels(85, 3)
+    rows = (
+        ("force [N]", np.linalg.norm(s.f_W, axis=2)),
+        ("friction left [%]", 100 * course.margin),
+        ("torque, of effort [%]", 100 * course.effort),
+    )
+    for ax, (label, values) in zip(axes, rows, strict=True):
+        for i, name in enumerate(plan.fingers):
+            ax.plot(s.t, values[:, i], color=finger_color(i), label=name)
+        ax.set_ylabel(label)
+        ax.set_ylim(bottom=0)
+        mark_switches(ax, plan)
+    legend_below(figure, axes[0])
+    return figure
 
 
-def _legend(ax: Axes) -> None:
-    ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+def draw_margin(plan: Plan, course: Course) -> Figure:
+    """The least share of any friction cone left, over time, its worst instant marked."""
+    figure, (ax,) = panels(42, 1)
+    least, t = 100 * course.least_margin, course.states.t
+    ax.plot(t, least, color="#0072b2")
+    worst = int(np.nanargmin(least))
+    finger = plan.fingers[int(np.nanargmin(course.margin[worst]))]
+    ax.plot(t[worst], least[worst], "o", color="#d55e00", ms=4)
+    right = t[worst] > 0.6 * plan.duration
+    ax.annotate(
+        f"worst: {least[worst]:.0f} %, {finger}, {t[worst]:.2f} s",
+        (t[worst], least[worst]),
+        xytext=(-4 if right else 4, -9),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        fontsize=6.5,
+    )
+    ax.set_ylim(0, 100)
+    ax.set_ylabel("friction cone left [%]")
+    mark_switches(ax, plan)
+    return figure
 
 
-def _switches(ax: Axes, plan: Plan) -> None:
-    """Thin lines where the mode changes."""
-    for part in plan.parts[1:]:
-        if part.events:
-            ax.axvline(part.t[0], color="0.85", lw=0.7, zorder=0)
-    ax.set_xlim(0, plan.duration)
-    ax.spines[["top", "right"]].set_visible(False)
+def _finger_panels(plan: Plan) -> tuple[Figure, list[Axes]]:
+    """One panel per finger, thumb (last) on top, in the order of the hand."""
+    figure, axes = panels(16 + 17 * len(plan.fingers), len(plan.fingers))
+    axes = axes[::-1]
+    for name, ax in zip(plan.fingers, axes, strict=True):
+        ax.set_title(name, loc="left")
+        mark_switches(ax, plan)
+    return figure, axes

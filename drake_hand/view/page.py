@@ -3,109 +3,156 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from html import escape
 from importlib import resources
-from string import Template
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
+from drake_hand.files import write_atomic
 from drake_hand.plans.plan import Certificate, Plan
-from drake_hand.plans.trajectory import Trajectory
+from drake_hand.plans.words import badge, figure, lines, per_cent, plan_verdict, title
 from drake_hand.view.colors import SUBMODEL
+from drake_hand.view.course import Course, turned
 
-FIRST = (
-    "contact_mm",
-    "slip_mm",
-    "penetration_mm",
-    "limit_margin_rad",
-    "speed_ratio",
-    "acceleration_ratio",
-    "force_margin",
-    "goal_position_mm",
-    "goal_rotation_deg",
-)
-"""Certificate fields on the card."""
-MOVED = np.radians(1.0)
-"""An object that turns less does not turn."""
+STRIP_SAMPLES = 400
 
-Fact = tuple[str, str, bool]
-"""Name, value, and whether that is as it should be."""
+
+class Page(str):
+    """A page as text, to be written to a file; in a notebook cell it shows itself, also on a remote Jupyter."""
+
+    def save(self, path: str | Path) -> None:
+        """Writes the file whole or not at all."""
+        write_atomic(Path(path), self)
+
+    def __repr__(self) -> str:
+        return f"Page of {len(self) / 1e6:.1f} MB: save it, or let a notebook cell show it"
+
+    def _repr_html_(self) -> str:
+        frame = "width: 100%; height: 640px; border: 1px solid #ddd"
+        return f'<iframe srcdoc="{escape(self)}" style="{frame}"></iframe>'
+
+
+Fact = tuple[str, str, str, bool]
+"""Name, value, margin, and whether that is as it should be."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strip:
+    """A figure over time, under the timeline."""
+
+    name: str
+    unit: str
+    values: list[float | None]
+    """At equally spaced times from start to end of the plan; None where there is none."""
+    low: float
+    high: float
+    limit: float | None = None
+
+
+def strip(name: str, unit: str, values: np.ndarray, *, low: float = 0.0, limit: float | None = None) -> Strip:
+    """A strip of (k,) values at equally spaced times, NaN where there is none."""
+    row = np.asarray(values)[np.linspace(0, len(values) - 1, STRIP_SAMPLES).round().astype(int)]
+    known = row[np.isfinite(row)]
+    top = max([*known, limit or 0.0, low + 1e-3])
+    shown = [None if not np.isfinite(v) else round(float(v), 3) for v in row]
+    return Strip(name=name, unit=unit, values=shown, low=float(min([*known, low])), high=float(top), limit=limit)
 
 
 def add_panel(
-    html: str, plan: Plan, *, facts: list[Fact] | None = None, verdict: tuple[str, bool] | None = None
-) -> str:
+    html: str,
+    plan: Plan,
+    course: Course,
+    scene: dict[str, Any],
+    *,
+    facts: list[Fact] | None = None,
+    strips: Sequence[Strip] = (),
+    verdict: tuple[str, str, str] | None = None,
+) -> Page:
     """Puts the panel into a page of Meshcat's ``StaticHtml``.
 
     Args:
         html: the page; its recording must last as long as the plan.
         plan: what is shown.
+        course: the plan at equally spaced times.
+        scene: what :attr:`Stage.scene` says of the page's scene.
         facts: lines of the card; the certificate's worst values if not given.
-        verdict: the badge and whether it is good news; whether the plan is certified, if not given.
+        strips: figures over time; friction left and turn of the plan if not given.
+        verdict: the badge, ``yes``, ``half`` or ``no``, and a sentence; what the certificate says if not given.
     """
-    edited = plan.certificate is not None and plan.certificate.plan_hash != plan.hash
-    word = "certified" if plan.certified else "edited since it was certified" if edited else "not certified"
-    badge, good = verdict or (word, plan.certified)
     if facts is None:
         facts = certificate_facts(plan.certificate) if plan.certificate else []
-        if edited:  # they are about what the plan was
-            facts = [(name, "", True) for name, _, _ in facts]
+    good = "no" if not plan.certified else "yes" if plan.task.options.hold == "equilibrium" else "half"
+    word, good, sentence = verdict or (badge(plan), good, plan_verdict(plan, course.hand))
     data = {
         "title": title(plan),
         "subtitle": f"{plan.hand}, {plan.duration:.1f} s",
-        "verdict": badge,
+        "badge": word,
         "good": good,
-        "facts": [(name.replace("_", " "), value, fine) for name, value, fine in facts],
-        "fingers": plan.fingers,
+        "verdict": sentence,
+        "facts": facts,
         "duration": plan.duration,
         "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],
-        "turn": _turn(plan),
-        "rows": [_row(plan, i) for i in range(len(plan.fingers))],
+        "strips": [asdict(s) for s in strips or plan_strips(course)],
+        "rows": [_row(plan, course, i) for i in range(len(plan.fingers))],
+        **scene,
     }
-    template = Template(resources.files("drake_hand.view").joinpath("panel.html").read_text(encoding="utf-8"))
-    colors = {submodel.name.lower(): color for submodel, color in SUBMODEL.items()}
-    panel = template.substitute(colors, data=json.dumps(data).replace("</", "<\\/"))
+    return insert(html, "plan.html", data)
+
+
+def insert(html: str, template: str, data: dict[str, Any]) -> Page:
+    """Puts a panel of ``web/`` and its data into a page of Meshcat's."""
+    colors = f":root {{ --free: {SUBMODEL['0']}; --roll: {SUBMODEL['1']}; --slide: {SUBMODEL['2']}; }}\n"
+    folder = resources.files("drake_hand.view").joinpath("web")
+
+    def fill(match: re.Match[str]) -> str:
+        if match[1] == "data":
+            return json.dumps(data).replace("</", "<\\/")
+        return (colors if match[1] == "page.css" else "") + folder.joinpath(match[1]).read_text(encoding="utf-8")
+
+    panel = re.sub(r"/\*(data|[a-z]+\.(?:css|js))\*/", fill, folder.joinpath(template).read_text(encoding="utf-8"))
     before, end, after = html.rpartition("</body>")
-    return f"{before}{panel}{end}{after}"
-
-
-def title(plan: Plan) -> str:
-    """What a plan does, in a few words: ``pencil: grasp, rotate 360 deg``."""
-    words = []
-    for step in plan.task.motion:
-        if step.rotate:
-            words.append(f"rotate {step.rotate.angle_deg:g} deg")
-        elif step.translate:
-            words.append("translate {:g}, {:g}, {:g} mm".format(*step.translate.by_mm))
-        else:
-            words.append(step.kind.replace("_", " "))
-    name = plan.task.object.replace("\\", "/").rpartition("/")[2].partition(".")[0]
-    return f"{name}: {', '.join(words)}"
+    return Page(f"{before}{panel}{end}{after}")
 
 
 def certificate_facts(certificate: Certificate) -> list[Fact]:
     """The worst values a person asks for first, and whatever fails."""
-    names = [*FIRST, *(name for name, w in certificate.worst.items() if not w.ok and name not in FIRST)]
-    found = [(name, certificate.worst[name]) for name in names if name in certificate.worst]
-    return [(name, "none, kinematic" if w.value is None else f"{round(w.value, 4):g}", w.ok) for name, w in found]
+    return [(line.words, line.value, line.margin, line.ok) for line in lines(certificate, everything=False)]
 
 
-def _turn(plan: Plan) -> list[float]:
-    """How far the object has turned at equally spaced times, deg, about the axis it turns about most, with winding."""
-    t = np.linspace(0.0, plan.duration, 400)
-    rotation = cumulative_trapezoid(Trajectory(plan).at(t).V_WO[:, :3], t, axis=0, initial=0.0)
-    largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]
-    if np.linalg.norm(largest) < MOVED:
-        return []
-    return np.degrees(rotation @ largest / np.linalg.norm(largest)).round(1).tolist()
+def plan_strips(course: Course) -> list[Strip]:
+    """Friction left and turn of the object, where there is any."""
+    found = []
+    if np.isfinite(course.margin).any():
+        found.append(strip("friction left", "%", 100 * course.least_margin))
+    turn = turned(course.states)[0]
+    if turn.any():
+        found.append(strip("turned", "deg", turn))
+    return found
 
 
-def _row(plan: Plan, finger: int) -> list[tuple[int, float, float]]:
-    """Submodel, start and end of one finger's stretches, neighbours merged."""
+def _row(plan: Plan, course: Course, finger: int) -> list[tuple[int, float, float, str]]:
+    """Submodel, start, end and words for one finger's stretches, neighbours merged."""
     row: list[tuple[int, float, float]] = []
     for part in plan.parts:
         digit, start, end = int(part.mode[finger]), part.t[0], part.t[-1]
         if row and row[-1][0] == digit:
             start = row.pop()[1]
         row.append((digit, start, end))
-    return row
+    return [(*stretch, _stretch_words(plan, course, finger, *stretch)) for stretch in row]
+
+
+def _stretch_words(plan: Plan, course: Course, finger: int, digit: int, start: float, end: float) -> str:
+    words = f"{plan.fingers[finger]}, {('free', 'rolling', 'sliding')[digit]} from {start:.2f} to {end:.2f} s"
+    rows = (course.states.t > start) & (course.states.t < end)
+    force = np.linalg.norm(course.states.f_W[rows, finger], axis=1)
+    margin = course.margin[rows, finger]
+    if digit and force.any():
+        words += f": {figure(force.min())} to {figure(force.max())} N"
+        if np.isfinite(margin).any():
+            words += f", at least {per_cent(float(np.nanmin(margin)))} of the friction cone left"
+    return words

@@ -9,12 +9,13 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Record, Run
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import Trajectory
-from drake_hand.view.page import Fact, add_panel
+from drake_hand.plans.words import figure, per_cent
+from drake_hand.view.course import Course
+from drake_hand.view.page import Fact, Page, Strip, add_panel, strip
 from drake_hand.view.stage import Stage, frame_times
 
 
-def render_replay(plan: Plan, run: Run, record: Record) -> str:
+def render_replay(plan: Plan, run: Run, record: Record) -> Page:
     """Shows one run of a plan: hand and object as they moved, contact forces, the planned object faint.
 
     Args:
@@ -28,24 +29,50 @@ def render_replay(plan: Plan, run: Run, record: Record) -> str:
     scene = Scene(Hand.load(plan.task.hand), Object.load(plan.task.object))
     t = frame_times(plan.duration)
     k = np.clip(np.searchsorted(record.t, t - 1e-9), 0, len(record.t) - 1)
-    planned = Trajectory(plan).at(t)
+    course = Course.of(plan, scene.hand, t)
+    planned = course.states
     stage = Stage(scene, t, gravity=np.array(plan.task.physics.gravity))
     stage.hand(record.q[k], record.X_WO[k])
     stage.object(record.X_WO[k])
     stage.object(planned.X_WO, ghost=True)
-    for i, name in enumerate(plan.fingers):
-        stage.contact(name, i, record.p_W[k, i], record.f_W[k, i])
+    stage.contacts(record.p_W[k], record.f_W[k])
     verdict = "dropped" if run.dropped else "held" if run.success else "held, off the plan"
-    return add_panel(stage.html(), plan, facts=_facts(run), verdict=(verdict, run.success))
+    sentence = f"what physics made of it: {verdict}"
+    return add_panel(
+        stage.html(),
+        plan,
+        course,
+        stage.scene,
+        facts=_facts(run),
+        strips=_error_strips(run, t),
+        verdict=(verdict, "yes" if run.success else "no", sentence),
+    )
+
+
+def _error_strips(run: Run, t: np.ndarray) -> list[Strip]:
+    """Errors over time, with the limits of a success; none while the fixture holds."""
+    known = (t >= run.free_s) & (t <= run.end_s)
+
+    def over_time(values: list[float]) -> np.ndarray:
+        return np.where(known, np.interp(t, run.errors.t, values), np.nan)
+
+    turn = np.hypot(over_time(run.errors.tilt_deg), over_time(run.errors.rotation_deg))
+    return [
+        strip("off the plan", "mm", over_time(run.errors.position_mm), limit=POSITION_MM),
+        strip("turned off", "deg", turn, limit=ROTATION_DEG),
+    ]
 
 
 def _facts(run: Run) -> list[Fact]:
+    def limited(name: str, value: float, limit: float, unit: str) -> Fact:
+        return name, f"{figure(value)} {unit}", per_cent(1 - value / limit), value <= limit
+
     return [
-        ("position error", f"{run.position_error_mm:.2f} mm", run.position_error_mm <= POSITION_MM),
-        ("tilt error", f"{run.tilt_error_deg:.2f} deg", run.tilt_error_deg <= ROTATION_DEG),
-        ("rotation error", f"{run.rotation_error_deg:.2f} deg", run.rotation_error_deg <= ROTATION_DEG),
-        ("rotated", f"{run.rotated_deg:.1f} of {run.planned_deg:.1f} deg", not run.dropped),
-        ("most slip", f"{run.slip_mm:.2f} mm", True),
-        ("fixture lets go", f"{run.free_s:.2f} s", True),
-        ("stray contacts", ", ".join(run.strays) or "none", not run.strays),
+        limited("position error at the end", run.position_error_mm, POSITION_MM, "mm"),
+        limited("tilt error", run.tilt_error_deg, ROTATION_DEG, "deg"),
+        limited("rotation error", run.rotation_error_deg, ROTATION_DEG, "deg"),
+        ("rotated", f"{run.rotated_deg:.1f} of {run.planned_deg:.1f} deg", "", not run.dropped),
+        ("most slip", f"{figure(run.slip_mm)} mm", "", True),
+        ("fixture lets go", f"{run.free_s:.2f} s", "", True),
+        ("stray contacts", ", ".join(run.strays) or "none", "", not run.strays),
     ]

@@ -9,28 +9,45 @@ import numpy as np
 
 from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import Trajectory
-from drake_hand.view.page import add_panel
+from drake_hand.view.course import Course
+from drake_hand.view.page import Page, add_panel
 from drake_hand.view.stage import Stage, frame_times
 
 FIRST_PORT = 7000
 
 
-def render(plan: Plan, scene: Scene) -> str:
+def render(plan: Plan, scene: Scene) -> Page:
     """A plan as one HTML page: hand and object, contact points and forces, mode and mode timeline, play, pause, scrub.
 
     Args:
         plan: what to show.
         scene: its hand and object.
     """
-    states = Trajectory(plan).at(frame_times(plan.duration))
+    course = Course.of(plan, scene.hand, frame_times(plan.duration))
+    states = course.states
     stage = Stage(scene, states.t, gravity=np.array(plan.task.physics.gravity))
     stage.hand(states.q, states.X_WO)
     stage.object(states.X_WO)
-    p_W = np.einsum("kij,kfj->kfi", states.X_WO[:, :3, :3], states.p_OP) + states.X_WO[:, None, :3, 3]
-    for i, name in enumerate(plan.fingers):
-        stage.contact(name, i, p_W[:, i], states.f_W[:, i])
-    return add_panel(stage.html(), plan)
+    stage.contacts(course.p_WP, states.f_W)
+    touched_O = _just_above(course)
+    for i in range(len(plan.fingers)):
+        stage.way(i, touched_O[:, i], on_object=True)
+    if _apart(states.X_WO[0], states.X_WO[-1]):
+        stage.object(np.repeat(states.X_WO[-1:], len(states.t), axis=0), ghost=True)
+    return add_panel(stage.html(), plan, course, stage.scene)
+
+
+def _just_above(course: Course) -> np.ndarray:
+    """(k, F, 3) contact points in O, a little towards the fingertip, so that their way can be seen on the surface."""
+    X_WO = course.states.X_WO
+    lifted = course.p_WP + 0.05 * (course.p_WC - course.p_WP)
+    return np.einsum("kji,kfj->kfi", X_WO[:, :3, :3], lifted - X_WO[:, None, :3, 3])
+
+
+def _apart(X: np.ndarray, Y: np.ndarray) -> bool:
+    """Whether two poses can be told apart by eye."""
+    turn = np.arccos(np.clip((np.trace(X[:3, :3].T @ Y[:3, :3]) - 1) / 2, -1, 1))
+    return bool(np.linalg.norm(X[:3, 3] - Y[:3, 3]) > 4e-3 or turn > np.radians(8))
 
 
 def serve(html: str, announce: Callable[[str], None]) -> None:

@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
-from pydrake.geometry import (
-    Cylinder,
-    Meshcat,
-    MeshcatAnimation,
-    MeshcatCone,
-    MeshcatParams,
-    Rgba,
-    Role,
-    Shape,
-    Sphere,
-)
+from pydrake.geometry import Cylinder, Meshcat, MeshcatAnimation, MeshcatCone, MeshcatParams, Rgba, Role, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RigidBody
+from pydrake.perception import PointCloud
 
 from drake_hand.model.scene import Scene
-from drake_hand.view.colors import CONTACT, finger_color, rgb
+from drake_hand.plans.trajectory import quaternions
+from drake_hand.view.colors import finger_color, rgb
+from drake_hand.view.keyframes import hold, needed, switches
 
-FRAMES = 1500
+FRAMES = 12000
 """Most frames of a recording, however long."""
 FRAME_RATE = 30.0
 """Most frames per second."""
-FORCE_SCALE = 0.06
-"""Length of a force arrow, m/N."""
 
 _ROOT = "/stage"
+_ARROW = 0.32
+"""Length of the arrow of a strong force, over the hand's size."""
+_STRONG = 97
+"""Per cent of forces that are no stronger than a strong one."""
+_LONGEST = 1.5
+"""Length at which arrows are cut, over that of a strong force."""
+_FINE = 5e-4
+"""How far off the recording may be, over the hand's size; in rotation, rad over 2."""
 
 
 def frame_times(duration: float) -> np.ndarray:
@@ -42,6 +42,9 @@ class Stage:
     """Draws bodies at many times at once, then gives the whole as one page.
 
     Arrays have a row per frame; frames are those of :func:`frame_times`. W is turned so that gravity points down.
+
+    Attributes:
+        size: of the hand, from the palm's origin to the farthest fingertip at home, m.
     """
 
     def __init__(self, scene: Scene, t: np.ndarray, *, gravity: np.ndarray) -> None:
@@ -49,31 +52,40 @@ class Stage:
         self._meshcat = _quiet_meshcat()
         self._animation = MeshcatAnimation((len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else FRAME_RATE)
         self._animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
-        self._R_VW = _upright(gravity)
+        self._R_VW = upright(gravity)
+        self._ways: list[dict[str, Any]] = []
+        self._look = {"front": [1.0, 0, 0], "side": [0, 1.0, 0], "palm": [1.0, 0, 0]}
+        self._force_scale, self._most_force = 1.0, 0.0
+        p_WT = np.array([scene.tip_position(f) for f in scene.hand.fingers])
+        self.size = float(np.linalg.norm(p_WT, axis=1).max()) + 1e-3
         self._meshcat.SetTransform(_ROOT, RigidTransform(RotationMatrix(self._R_VW), np.zeros(3)))
-        self._meshcat.SetProperty("/Grid", "visible", False)
-        self._meshcat.SetProperty("/Axes", "visible", False)
+        for path in ("/Grid", "/Axes"):
+            self._meshcat.SetProperty(path, "visible", False)
         self._meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
         self._meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
+        self._meshcat.SetObject("/floor", Cylinder(1.0, 1e-4), Rgba(0.98, 0.99, 1.0, 1.0))
 
-    def hand(self, q: np.ndarray, X_WO: np.ndarray) -> None:
+    def hand(self, q: np.ndarray, X_WO: np.ndarray | None) -> None:
         """Draws the hand.
 
         Args:
             q: (k, nq) joints, rad.
-            X_WO: (k, 4, 4) where the object is then.
+            X_WO: (k, 4, 4) where the object is then, if there is one.
         """
         plant = self._scene.plant
         bodies = [plant.get_body(i) for i in plant.GetBodyIndices(self._scene.hand_model)]
         poses = np.empty((len(q), len(bodies), 4, 4))
         for k in range(len(q)):
-            self._scene.set(q[k], X_WO[k])
+            self._scene.set(q[k], None if X_WO is None else X_WO[k])
             for b, body in enumerate(bodies):
                 poses[k, b] = plant.EvalBodyPoseInWorld(self._scene.plant_context, body).GetAsMatrix4()
         for b, body in enumerate(bodies):
-            if self._draw_body(f"hand/{body.name()}", body):
-                self._move(f"hand/{body.name()}", poses[:, b])
-        self._look(poses[0, :, :3, 3], X_WO[0, :3, 3])
+            self._draw_body(f"hand/{body.name()}", body)
+            self._move(f"hand/{body.name()}", poses[:, b])
+        origins = poses[0, :, :3, 3]
+        p_WT = np.mean([self._scene.tip_position(f) for f in self._scene.hand.fingers], axis=0)
+        at = p_WT if X_WO is None else X_WO[0, :3, 3]
+        self._face(self._R_VW @ (at - (origins.min(axis=0) + origins.max(axis=0)) / 2))
 
     def object(self, X_WO: np.ndarray, *, ghost: bool = False) -> None:
         """Draws the object at (k, 4, 4) poses; as a `ghost` it is faint, for what was planned beside what happened."""
@@ -83,59 +95,47 @@ class Stage:
             self._draw_body(f"{path}/{plant.get_body(i).name()}", plant.get_body(i), alpha=0.25 if ghost else 1.0)
         self._move(path, X_WO)
 
-    def contact(self, name: str, index: int, p_W: np.ndarray, f_W: np.ndarray) -> None:
-        """Draws a contact point and its force.
+    def contacts(self, p_W: np.ndarray, f_W: np.ndarray) -> None:
+        """Draws contact points and forces; a strong force is an arrow of a third of the hand's size.
 
         Args:
-            name: of the finger.
-            index: of the finger, for its colour.
-            p_W: (k, 3) point in W, m; NaN where there is no contact.
-            f_W: (k, 3) force on the object in W, N; zero where there is none.
+            p_W: (k, F, 3) points in W, m; NaN where there is no contact.
+            f_W: (k, F, 3) forces on the object in W, N; zero where there is none.
         """
-        color = finger_color(index)
-        touching = np.isfinite(p_W).all(axis=1)
-        if not touching.any():
+        size = np.linalg.norm(f_W, axis=2)
+        pushing = size > 1e-4
+        if pushing.any():
+            self._most_force = float(np.percentile(size[pushing], _STRONG))
+            self._force_scale = _ARROW * self.size / self._most_force
+        for finger in self._scene.hand.fingers:
+            self._contact(finger.name, finger.index, p_W[:, finger.index], f_W[:, finger.index])
+
+    def way(self, index: int, p_P: np.ndarray, *, on_object: bool) -> None:
+        """Draws the way of a point, which grows as the recording plays.
+
+        Args:
+            index: of the finger whose colour it has.
+            p_P: (k, 3) in O or in W, m; NaN where there is none.
+            on_object: whether in O.
+        """
+        path = f"{'object/' if on_object else ''}ways/{index}"
+        known = np.isfinite(p_P).all(axis=1)
+        starts, ends, times = [], [], []
+        edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            kept = a + needed(p_P[a:b], _FINE * self.size)
+            starts += list(p_P[kept[:-1]])
+            ends += list(p_P[kept[1:]])
+            times += list(self._t[kept[1:]])
+        if not times:
             return
-        p_W = _hold(p_W, touching)
-        X = np.tile(np.eye(4), (len(p_W), 1, 1))
-        X[:, :3, 3] = p_W
-        self._mark(f"contacts/{name}", Sphere(0.0022), CONTACT)
-        self._move(f"contacts/{name}", X)
-        self._show(f"contacts/{name}", touching)
+        vertices, faces = tubes(np.array(starts), np.array(ends), 0.005 * self.size)
+        color = Rgba(*rgb(finger_color(index)), 1.0)
+        self._meshcat.SetTriangleMesh(f"{_ROOT}/{path}", vertices.T, faces.T, color)
+        each = 3 * len(faces) // len(times)
+        self._ways.append({"path": f"stage/{path}", "ends": np.round(times, 3).tolist(), "each": each})
 
-        size = np.linalg.norm(f_W, axis=1)
-        pushing = touching & (size > 1e-4)
-        if not pushing.any():
-            return
-        f_W = _hold(f_W, pushing)
-        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in f_W]
-        self._mark(f"forces/{name}/shaft", Cylinder(0.0009, 0.75), color, RigidTransform([0, 0, 0.375]))
-        flip = RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0, 0, 1])
-        self._mark(f"forces/{name}/head", MeshcatCone(0.25, 0.0024, 0.0024), color, flip)
-        self._move(f"forces/{name}", X)
-        self._scale(f"forces/{name}", np.maximum(size, 1e-4) * FORCE_SCALE)
-        self._show(f"forces/{name}", pushing)
-
-    def html(self) -> str:
-        """The page, which needs no server and no network."""
-        self._meshcat.SetAnimation(self._animation)
-        return self._meshcat.StaticHtml()
-
-    def _draw_body(self, path: str, body: RigidBody, alpha: float = 1.0) -> bool:
-        """Draws what a body shows (its illustration geometry); whether there was any."""
-        inspector = self._scene.scene_graph.model_inspector()
-        frame = self._scene.plant.GetBodyFrameIdOrThrow(body.index())
-        geometries = inspector.GetGeometries(frame, Role.kIllustration)
-        for k, gid in enumerate(geometries):
-            color = inspector.GetIllustrationProperties(gid).GetPropertyOrDefault(
-                "phong", "diffuse", Rgba(0.85, 0.85, 0.85, 1)
-            )
-            color = Rgba(color.r(), color.g(), color.b(), color.a() * alpha)
-            self._meshcat.SetObject(f"{_ROOT}/{path}/{k}", inspector.GetShape(gid), color)
-            self._meshcat.SetTransform(f"{_ROOT}/{path}/{k}", inspector.GetPoseInFrame(gid))
-        return bool(geometries)
-
-    def _mark(self, path: str, shape: Shape, color: str, X: RigidTransform | None = None) -> None:
+    def mark(self, path: str, shape: Shape, color: str, X: RigidTransform | None = None) -> None:
         """Draws a mark: seen through whatever is before it."""
         self._meshcat.SetObject(f"{_ROOT}/{path}", shape, Rgba(*rgb(color), 1.0))
         self._meshcat.SetProperty(f"{_ROOT}/{path}/<object>", "material.depthTest", False)
@@ -143,37 +143,105 @@ class Stage:
         if X is not None:
             self._meshcat.SetTransform(f"{_ROOT}/{path}", X)
 
-    def _move(self, path: str, X: np.ndarray) -> None:
-        self._meshcat.SetTransform(f"{_ROOT}/{path}", RigidTransform(X[0]))
-        if len(X) > 1 and np.ptp(X, axis=0).max() > 1e-9:
-            for k in _changes(X.reshape(len(X), -1)):
-                self._animation.SetTransform(int(k), f"{_ROOT}/{path}", RigidTransform(X[k]))
+    def arrow(self, path: str, color: str) -> None:
+        """Draws an arrow of length 1 along z, as thick as its length asks."""
+        self.mark(f"{path}/shaft", Cylinder(0.022, 0.8), color, RigidTransform([0, 0, 0.4]))
+        flip = RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0, 0, 1])
+        self.mark(f"{path}/head", MeshcatCone(0.24, 0.06, 0.06), color, flip)
+
+    def still_arrow(self, path: str, color: str, X: RigidTransform, length: float) -> None:
+        """Draws an arrow along z of the frame X, which stays."""
+        self.arrow(path, color)
+        self._meshcat.SetTransform(f"{_ROOT}/{path}", X)
+        thick = min(length, 0.3 * self.size)
+        self._meshcat.SetProperty(f"{_ROOT}/{path}", "scale", [thick, thick, length])
+
+    def cloud(self, path: str, index: int, p_W: np.ndarray) -> None:
+        """Draws points (n, 3) in a finger's colour."""
+        cloud = PointCloud(len(p_W))
+        cloud.mutable_xyzs()[:] = p_W.T
+        self._meshcat.SetObject(f"{_ROOT}/{path}", cloud, 0.006 * self.size, Rgba(*rgb(finger_color(index)), 1.0))
+
+    @property
+    def scene(self) -> dict[str, Any]:
+        """What the panel of the page has to know of the scene."""
+        tips = [
+            {"name": f.name, "color": finger_color(f.index), "path": f"stage/hand/{f.tip_link}", "p": f.p_LC.tolist()}
+            for f in self._scene.hand.fingers
+        ]
+        force = {"m_per_n": self._force_scale, "most_n": self._most_force}
+        return {"tips": tips, "look": self._look, "force": force, "ways": self._ways}
+
+    def html(self) -> str:
+        """The page, which needs no server and no network."""
+        self._meshcat.SetAnimation(self._animation)
+        return self._meshcat.StaticHtml()
+
+    def _contact(self, name: str, index: int, p_W: np.ndarray, f_W: np.ndarray) -> None:
+        color = finger_color(index)
+        touching = np.isfinite(p_W).all(axis=1)
+        if not touching.any():
+            return
+        X = np.tile(np.eye(4), (len(p_W), 1, 1))
+        X[:, :3, 3] = hold(p_W, touching)
+        self.mark(f"contacts/{name}/rim", Sphere(0.016 * self.size), "#111827")
+        self.mark(f"contacts/{name}/dot", Sphere(0.011 * self.size), color)
+        self._meshcat.SetProperty(f"{_ROOT}/contacts/{name}/dot/<object>", "renderOrder", 2.0)
+        self._move(f"contacts/{name}", X)
+        self._show(f"contacts/{name}", touching)
+        size = np.linalg.norm(f_W, axis=1)
+        pushing = touching & (size > 1e-4)
+        if not pushing.any():
+            return
+        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in hold(f_W, pushing)]
+        self.arrow(f"forces/{name}", color)
+        self._move(f"forces/{name}", X, coarse=4.0)
+        longest = _LONGEST * _ARROW * self.size
+        self._scale(f"forces/{name}", np.clip(size * self._force_scale, 1e-3 * longest, longest))
+        self._show(f"forces/{name}", pushing)
+
+    def _draw_body(self, path: str, body: RigidBody, alpha: float = 1.0) -> None:
+        """Draws what a body shows (its illustration geometry)."""
+        inspector = self._scene.scene_graph.model_inspector()
+        frame = self._scene.plant.GetBodyFrameIdOrThrow(body.index())
+        for k, gid in enumerate(inspector.GetGeometries(frame, Role.kIllustration)):
+            color = inspector.GetIllustrationProperties(gid).GetPropertyOrDefault(
+                "phong", "diffuse", Rgba(0.85, 0.85, 0.85, 1)
+            )
+            color = Rgba(color.r(), color.g(), color.b(), color.a() * alpha)
+            self._meshcat.SetObject(f"{_ROOT}/{path}/{k}", inspector.GetShape(gid), color)
+            self._meshcat.SetTransform(f"{_ROOT}/{path}/{k}", inspector.GetPoseInFrame(gid))
+
+    def _move(self, path: str, X: np.ndarray, coarse: float = 1.0) -> None:
+        path = f"{_ROOT}/{path}"
+        self._meshcat.SetTransform(path, RigidTransform(X[0]))
+        if len(X) < 2 or np.ptp(X, axis=0).max() < 1e-9:
+            return
+        rows = np.hstack([quaternions(X[:, :3, :3]), X[:, :3, 3]])
+        tolerance = coarse * _FINE * np.array([1.0] * 4 + [self.size] * 3)
+        for k in needed(rows, tolerance):
+            self._animation.SetTransform(int(k), path, RigidTransform(X[k]))
 
     def _scale(self, path: str, length: np.ndarray) -> None:
-        self._meshcat.SetProperty(f"{_ROOT}/{path}", "scale", [1.0, 1.0, float(length[0])])
-        for k in _changes(length[:, None]):
-            self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "scale", [1.0, 1.0, float(length[k])])
+        self._meshcat.SetProperty(f"{_ROOT}/{path}", "scale", [float(length[0])] * 3)
+        for k in needed(length[:, None], 4 * _FINE * self.size):
+            self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "scale", [float(length[k])] * 3)
 
     def _show(self, path: str, visible: np.ndarray) -> None:
         self._meshcat.SetProperty(f"{_ROOT}/{path}", "visible", bool(visible[0]))
         if visible.any() and not visible.all():
-            for k in _changes(visible[:, None]):
+            for k in switches(visible):
                 self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "visible", bool(visible[k]))
 
-    def _look(self, hand: np.ndarray, p_WO: np.ndarray) -> None:
-        """Frames the hand: from the object's side, somewhat to the side and from above."""
-        centre = (hand.min(axis=0) + hand.max(axis=0)) / 2
-        size = np.linalg.norm(np.ptp(hand, axis=0))
-        front = self._R_VW @ (p_WO - centre)
-        front[2] = 0
-        front /= max(np.linalg.norm(front), 1e-9)
-        if not front.any():
-            front = np.array([1.0, 0, 0])
-        side = np.array([-front[1], front[0], 0.0])
-        towards = _unit(front + 0.55 * side + np.array([0, 0, 0.6]))
-        left = _unit(np.cross(towards, [0, 0, 1.0]))
-        target = self._R_VW @ centre + 0.08 * size * left  # the panel's card covers the left
-        self._meshcat.SetCameraPose(target + 0.95 * size * towards, target)
+    def _face(self, towards: np.ndarray) -> None:
+        """Notes from where the page may look: from the object's side, in V."""
+        palm = towards / max(np.linalg.norm(towards), 1e-9)
+        flat = np.array([*towards[:2], 0.0])
+        front = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 1e-3 * self.size else np.array([1.0, 0, 0])
+        if not palm.any():
+            palm = front
+        side = [-front[1], front[0], 0.0]
+        self._look = {"front": front.tolist(), "side": side, "palm": (palm + 0.02 * front).tolist()}
 
 
 def _quiet_meshcat() -> Meshcat:
@@ -187,7 +255,7 @@ def _quiet_meshcat() -> Meshcat:
         logger.setLevel(level)
 
 
-def _upright(gravity: np.ndarray) -> np.ndarray:
+def upright(gravity: np.ndarray) -> np.ndarray:
     """(3, 3) the rotation R_VW that turns gravity onto -z of the view frame V; none if there is no gravity."""
     size = np.linalg.norm(gravity)
     if size < 1e-9:
@@ -199,17 +267,20 @@ def _upright(gravity: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cross(up, x), up])
 
 
+def tubes(starts: np.ndarray, ends: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Square tubes from starts to ends (n, 3), as vertices (8 n, 3) and faces (8 n, 3), tube after tube."""
+    along = ends - starts
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    other = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    u = np.cross(along, other)
+    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    w = np.cross(along, u)
+    ring = radius * np.stack([u, w, -u, -w], axis=1)
+    vertices = np.concatenate([starts[:, None] + ring, ends[:, None] + ring], axis=1)
+    one = [f for i in range(4) for f in ((i, (i + 1) % 4, i + 4), ((i + 1) % 4, (i + 1) % 4 + 4, i + 4))]
+    faces = np.array(one)[None] + 8 * np.arange(len(starts))[:, None, None]
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
 def _unit(a: np.ndarray) -> np.ndarray:
     return a / np.linalg.norm(a)
-
-
-def _hold(rows: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Rows with the bad ones replaced by the last good one before (or the first good one)."""
-    last = np.maximum.accumulate(np.where(good, np.arange(len(rows)), -1))
-    return rows[np.where(last < 0, np.argmax(good), last)]
-
-
-def _changes(rows: np.ndarray) -> np.ndarray:
-    """Indices of the rows an animation needs: first, last, and those unlike a neighbour."""
-    differs = np.any(rows[1:] != rows[:-1], axis=1)
-    return np.flatnonzero(np.r_[True, differs] | np.r_[differs, True])

@@ -3,9 +3,16 @@
 import pytest
 
 from drake_hand import cli
-from drake_hand.cli import drives, plans
+from drake_hand.cli import demo, drives_execute, plans, plot
 
-STEPS = [(plans, "plan"), (plans, "check"), (plans, "simulate"), (drives, "execute"), (plans, "plot"), (plans, "plot")]
+STEPS = [
+    (plans, "plan"),
+    (plans, "check"),
+    (demo, "simulate"),
+    (drives_execute, "execute"),
+    (plot, "plot"),
+    (plot, "plot"),
+]
 
 
 @pytest.fixture
@@ -24,7 +31,7 @@ def test_goes_the_whole_way(called, tmp_path, capsys):
 
 
 def test_stops_where_the_answer_is_no(called, tmp_path, monkeypatch):
-    monkeypatch.setattr(plans, "simulate", lambda *_, **__: 1)
+    monkeypatch.setattr(demo, "simulate", lambda *_, **__: 1)
     assert cli.run(["demo", "-o", str(tmp_path)]) == 1
     assert called == ["plan", "check"]
 

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from drake_hand import api, cli
+from drake_hand.errors import NoPlanFound
 from drake_hand.planning.holding import Tally
 from drake_hand.plans.plan import Plan
 
@@ -28,8 +29,11 @@ def certified(sample_plan):
 def test_check_names_what_fails_and_where(plan_file, capsys):
     assert cli.run(["check", str(plan_file)]) == 1
     out = capsys.readouterr().out
-    assert "NOT certified" in out
-    assert re.search(r"fails: .*mm|fails: ", out)
+    assert out.startswith("NOT certified: ")
+    assert "FAILS" in out
+    assert "more figures with --all" in out
+    assert cli.run(["check", str(plan_file), "--all"]) == 1
+    assert "joint acceleration" in capsys.readouterr().out
 
     assert cli.run(["check", str(plan_file), "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
@@ -85,7 +89,7 @@ def test_show_writes_a_page(plan_file, tmp_path, capsys):
 
 def test_plot_writes_figures(plan_file, tmp_path, capsys):
     assert cli.run(["plot", str(plan_file), "-o", str(tmp_path / "figures")]) == 0
-    assert (tmp_path / "figures" / "modes.png").stat().st_size > 1000
+    assert (tmp_path / "figures" / "fig12_coordination.png").stat().st_size > 1000
 
 
 def test_plot_wants_a_folder_or_a_place_for_one(plan_file, tmp_path, capsys):
@@ -105,7 +109,8 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
     file, page = tmp_path / "a.plan.json", tmp_path / "a.html"
     assert cli.run(["plan", "sample", "-o", str(file), "--html", str(page)]) == 0
     out = capsys.readouterr().out
-    assert "00111" in out
+    assert out.startswith("certified")
+    assert re.search(r"thumb \.+=+\n", out)
     assert "1 regrasps" in out
     assert "planned in 0.50 s (search 0.40, other 0.10), then proved in 0.30 s" in out
     assert Plan.load(file) == certified
@@ -118,6 +123,24 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
     other = tmp_path / "b.plan.json"
     assert cli.run(["plan", "sample", "-o", str(other), "--html", str(tmp_path / "b.html")]) == 130
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.html", "a.plan.json"]
+
+
+def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch, capsys):
+    def fail(task, **_):
+        raise NoPlanFound("index cannot reach", evidence={"finger": "index"})
+
+    monkeypatch.setattr(api, "solve", fail)
+    page = tmp_path / "spin.html"
+    page.write_text("an older plan")
+    assert cli.run(["plan", "spin", "-o", str(tmp_path / "a.json"), "--html", str(page)]) == 1
+    assert "no plan (infeasible): index cannot reach" in page.read_text()
+
+
+def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):
+    monkeypatch.setenv("SSH_CONNECTION", "1 2 3 4")
+    monkeypatch.setattr("drake_hand.view.show.serve", lambda page, announce: announce("http://localhost:7003/"))
+    assert cli.run(["show", str(plan_file)]) == 0
+    assert "ssh -L 7003:localhost:7003 " in capsys.readouterr().out
 
 
 def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):

@@ -93,7 +93,6 @@ def test_columns_pick_the_drives_joints(joints):
 def test_plan_of_another_hand_is_refused_with_all_names():
     with pytest.raises(InputError) as e:
         KANGUERA.columns(["elbow", *KANGUERA.joints[1:]])
-    assert "no drive for elbow" in str(e.value)
     assert "drive for unknown little_abduction" in str(e.value)
 
 

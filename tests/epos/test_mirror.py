@@ -191,7 +191,6 @@ def ramp_record():
         nodes=[1, 2],
         types=["epos2", "epos2"],
         sync_ms=10,
-        lead=0,
         bus="virtual",
         realtime=False,
         ok=True,
@@ -206,6 +205,7 @@ def ramp_record():
         t=np.arange(k) * 0.01,
         late_ms=zeros,
         step=np.arange(k),
+        plan_time=np.arange(k) * 0.01,
         playing=np.ones(k, bool),
         commanded=ramp,
         measured=ramp - 0.1,
@@ -224,7 +224,7 @@ def test_replays_a_record():
 
 
 VIEW = """
-import json, sys, threading, urllib.request
+import json, socket, sys, threading, urllib.request
 from pathlib import Path
 import numpy as np
 from drake_hand.epos.drives import Drives
@@ -240,12 +240,21 @@ with open_view(urdf, drives.joints) as view:
     view.show(Pose(t=0.0, commanded=q, measured=np.where(np.arange(15) == 0, np.nan, 0.0)))
     view.show(Pose(t=0.0, commanded=q, measured=np.zeros(15)))
     n = len(sent)
-    view.show(Pose(t=0.0, commanded=q * 1.1, measured=np.zeros(15)))
+    half = np.where(np.arange(15) == 2, np.radians(2.5), q * 1.1)
+    view.show(Pose(t=0.0, commanded=half, measured=np.zeros(15)), words="here")
     again = len(sent) - n
     page = urllib.request.urlopen(view.url).status
-    moved = sorted({c["path"].split("/")[3] for c in sent})
+    state = json.loads(urllib.request.urlopen(view.url.replace("lab", "state")).read())
+    moved = sorted({c["path"].split("/")[3] for c in sent if c["type"] == "set_transform"})
+    colours = {c["path"].split("/")[4]: c["value"] for c in sent if c["type"] == "set_property"}
+    port = int(view.url.split(":")[2].split("/")[0])
+    with socket.socket() as other:  # another address of this computer
+        elsewhere = other.connect_ex(("127.0.0.2", port))
 print(json.dumps({
     "page": page,
+    "state": state,
+    "colours": colours,
+    "elsewhere": elsewhere,
     "moved": moved,
     "again": again,
     "links": sum("little" in c["path"] for c in sent),
@@ -261,6 +270,13 @@ def test_view_moves_the_ghost_serves_a_page_and_ends():
     assert said["page"] == 200
     assert said["moved"] == ["commanded"]
     assert said["links"] >= 3
+    assert said["elsewhere"] != 0
+    assert (said["state"]["words"], len(said["state"]["rows"])) == ("here", 15)
+    assert said["state"]["rows"][2] == ["little_pip", 2.5, 0.0, 2.5, ""]
+    red, half = said["colours"]["index_proximal"], said["colours"]["little_middle"]
+    assert red == pytest.approx([0.85, 0.1, 0.1, 1.0])
+    assert half == pytest.approx([0.815, 0.45, 0.46, 1.0])
+    assert "palm" not in said["colours"]
     assert said["again"] >= 15
     assert said["left"] == []
     assert said["loaded"] == []

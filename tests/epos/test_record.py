@@ -18,7 +18,6 @@ HEADER = RunHeader(
     nodes=[1, 2],
     types=["epos2", "epos4"],
     sync_ms=10,
-    lead=5,
     bus="virtual",
     realtime=False,
     ok=False,
@@ -37,6 +36,7 @@ def run(delay: float = 0.0, k: int = 60) -> RunRecord:
         t=t,
         late_ms=np.full(k, 0.2),
         step=step,
+        plan_time=t - 0.05,
         playing=step < k - 10,
         commanded=q,
         measured=seen,
@@ -52,7 +52,7 @@ def test_what_is_saved_is_what_is_read(tmp_path):
     record.save(file)
     again = RunRecord.load(file)
     assert again.header == record.header
-    for name in ("t", "late_ms", "step", "playing", "commanded", "measured", "status", "queued"):
+    for name in ("t", "late_ms", "step", "plan_time", "playing", "commanded", "measured", "status", "queued"):
         np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
 
 

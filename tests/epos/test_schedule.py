@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from swing import swing
 
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.schedule import LEAD_IN_S, START_TOLERANCE_DEG, Schedule
+from drake_hand.epos.schedule import LEAD_IN_S, START_TOLERANCE_DEG, Excerpt, Schedule
 from drake_hand.epos.sim.pvt import Record, end_accelerations
 from drake_hand.errors import InputError
 from drake_hand.plans.trajectory import Trajectory
@@ -147,3 +147,49 @@ def test_far_from_the_start_names_the_joints(schedule):
     found = schedule.far_from_start(here)
     assert len(found) == 1
     assert "ring_flexion (node 5): is at 3.97 deg, the plan starts at 0.00 deg" in found[0]
+
+
+@given(
+    speed=st.floats(0.1, 1.0),
+    half_s=st.floats(0.2, 1.5),
+    sync_ms=st.sampled_from([1, 4, 8, 10, 20, 50]),
+    whole=st.booleans(),
+)
+@settings(max_examples=40, deadline=None)
+def test_an_excerpt_rests_at_its_pauses_and_is_slower_throughout(speed, half_s, sync_ms, whole):
+    """Two swings: at rest in the middle, where it pauses, or ends."""
+    drives = replace(DRIVES, bus=msgspec.structs.replace(DRIVES.bus, sync_ms=sync_ms))
+    plan = swing(DRIVES.joints, 2 * half_s, swings=2)
+    if half_s not in plan.parts[0].t:
+        return  # only a knot is at rest to the last digit
+    excerpt = Excerpt(speed=speed, pauses_s=(half_s,)) if whole else Excerpt(speed=speed, end_s=half_s)
+    schedule = Schedule.build(plan, drives, excerpt=excerpt)
+    assert len(schedule.stops) == 1 + whole
+    assert schedule.stops[-1] == schedule.last
+    assert not any(stop % schedule.record_steps for stop in schedule.stops)
+    assert schedule.plan_time[schedule.stops[0]] == pytest.approx(half_s)
+    assert not schedule.rpm[list(schedule.stops)].any()
+    full = np.abs(Schedule.build(plan, drives).rpm).max()
+    assert np.abs(schedule.rpm[schedule.lead :]).max() <= speed * full * 1.05
+    way = np.cumsum(schedule.rpm[schedule.lead :] * 64 / 60 * schedule.period, axis=0)
+    assert way == pytest.approx(schedule.counts[schedule.lead :], abs=3 + full * 64 / 60 * schedule.period)
+
+
+def test_drives_for_fewer_joints_play_those():
+    three = DRIVES.only(["index_pip", "index_flexion", "thumb_mcp"])
+    schedule = Schedule.build(PLAN, three)
+    columns = [DRIVES.joints.index(j) for j in three.joints]
+    assert three.joints == ("index_flexion", "index_pip", "thumb_mcp")
+    assert len(three.spared) == 12
+    assert (schedule.counts == Schedule.build(PLAN, DRIVES).counts[:, columns]).all()
+    with pytest.raises(InputError, match="no drive for these joints"):
+        DRIVES.only(["elbow"])
+
+
+def test_a_joint_that_shares_cables_is_not_played_alone(tmp_path):
+    file = tmp_path / "x.drives.yaml"
+    file.write_text("joints: {a: {node: 1}, b: {node: 2}, c: {node: 3}}\ncoupling: {b: {a: 0.5, b: 1}}\n")
+    drives = Drives.load(file)
+    assert drives.only(["c"]).joints == ("c",)
+    with pytest.raises(InputError, match="a shares cables with b"):
+        drives.only(["a", "c"])

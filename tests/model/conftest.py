@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
@@ -48,6 +51,39 @@ def small_hand() -> list[str]:
         joint("b2", "b_bone", "b_tip"),
         link("b_tip"),
     ]
+
+
+def four_fingers(R_WP: np.ndarray, tip: str = "") -> str:
+    """A hand whose palm faces x of P, three fingers along z in a row along y, one from below that faces them.
+
+    Args:
+        R_WP: (3, 3) how P is turned in the palm's frame.
+        tip: shape of the last links.
+    """
+    turn = Rotation.from_matrix(R_WP)
+
+    def at(xyz: tuple[float, float, float], more: Rotation) -> str:
+        with warnings.catch_warnings(action="ignore"):  # of gimbal lock: any of its angles will do
+            rpy = (turn * more).as_euler("xyz")
+        return f'<origin xyz="{" ".join(map(str, turn.apply(xyz)))}" rpy="{" ".join(map(str, rpy))}"/>'
+
+    parts = [link("palm", "")]
+    bar = '<collision><origin xyz="0 0 0.02"/><geometry><capsule radius="0.008" length="0.03"/></geometry></collision>'
+    bases = {"a": (0.0, -0.04, 0.05), "b": (0.0, 0.04, 0.05), "c": (0.0, 0.0, 0.05), "d": (0.02, 0.05, -0.03)}
+    for name, xyz in bases.items():
+        facing = Rotation.from_euler("y", 90, degrees=True) if name == "d" else Rotation.identity()
+        for k in range(3):
+            axis = "1 0 0" if k == 0 else ("0 -1 0" if name == "d" else "0 1 0")
+            limits = (-0.5, 0.5) if k == 0 else (-0.2, 1.6)
+            origin = at(xyz, facing) if k == 0 else '<origin xyz="0 0 0.045"/>'
+            parent = "palm" if k == 0 else f"{name}_{k - 1}"
+            parts += [
+                f'<joint name="{name}{k}" type="revolute"><parent link="{parent}"/><child link="{name}_{k}"/>{origin}'
+                f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" velocity="2" effort="0.5"/>'
+                "</joint>",
+                link(f"{name}_{k}", (tip or bar) if k == 2 else bar if k else ""),
+            ]
+    return f'<robot name="four">{"".join(parts)}</robot>'
 
 
 HAND_YAML = """

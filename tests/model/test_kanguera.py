@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 
 from drake_hand.model.geometry import read_collision
 from drake_hand.model.inertia import Inertial
+from drake_hand.model.meshes import hull
 from drake_hand.model.scene import Scene
 from drake_hand.model.xml import Source, read_xml
 
@@ -22,7 +23,7 @@ def no_mesh(uri: str):
 def links(hand):
     source = Source(file=hand.urdf.file, key="", find_mesh=no_mesh)
     for link in read_xml(hand.urdf.file, "robot").findall("link"):
-        shapes = [g for c in link.findall("collision") for g in read_collision(c, source)]
+        shapes = [g for c in link.findall("collision") for g in read_collision(c, source, hull)]
         yield link.get("name"), Inertial.read(link, source), shapes
 
 

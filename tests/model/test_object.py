@@ -77,23 +77,49 @@ def test_mesh_files(tmp_path, suffix):
     assert (np.einsum("ij,ij->i", normals, shape.vertices[shape.faces[:, 0]]) > 0).all()
 
 
-def test_mesh_in_millimetres_is_refused(tmp_path):
+def test_mesh_in_millimetres_is_scaled_and_said(tmp_path):
     trimesh.creation.box((20, 40, 60)).export(tmp_path / "brick.stl")
+    thing = Object.load(tmp_path / "brick.stl")
+    np.testing.assert_allclose(np.ptp(thing.geometries[0].vertices, axis=0), [0.02, 0.04, 0.06], atol=1e-9)
+    assert "taken for millimetres" in thing.notes[0]
+    assert 'scale="0.001 0.001 0.001"' in thing.body_xml
+    trimesh.creation.box((20, 40, 6000)).export(tmp_path / "long.stl")
     with pytest.raises(InputError, match="too large"):
-        Object.load(tmp_path / "brick.stl")
+        Object.load(tmp_path / "long.stl")
 
 
 def test_separate_convex_pieces_stay_separate(tmp_path):
-    a, b = trimesh.creation.box((0.01, 0.01, 0.01)), trimesh.creation.icosphere(radius=0.01)
+    a, b = trimesh.creation.box((0.01, 0.01, 0.01)), trimesh.creation.icosphere(subdivisions=2, radius=0.01)
     b.apply_translation([0.05, 0, 0])
     trimesh.util.concatenate([a, b]).export(tmp_path / "two.stl")
     assert len(Object.load(tmp_path / "two.stl").geometries) == 2
-    tube = trimesh.creation.annulus(r_min=0.01, r_max=0.02, height=0.03)
-    tube.export(tmp_path / "tube.stl")
-    (hull,) = Object.load(tmp_path / "tube.stl").geometries
-    assert hull.to_trimesh().volume == pytest.approx(np.pi * 0.02**2 * 0.03, rel=0.05)
-    trimesh.util.concatenate([tube, tube.copy().apply_translation([0.05, 0, 0])]).export(tmp_path / "tubes.stl")
-    assert len(Object.load(tmp_path / "tubes.stl").geometries) == 1
+
+
+TWO_LINKS = """<robot name="hammer">
+<link name="head"><inertial><mass value="0.3"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>
+</inertial><collision><geometry><box size="0.02 0.02 0.06"/></geometry></collision></link>
+<link name="shaft"><inertial><mass value="0.1"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>
+</inertial><collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.005" length="0.1"/></geometry></collision>
+</link><joint name="glue" type="fixed"><parent link="head"/><child link="shaft"/>
+<origin xyz="0.01 0 0" rpy="0 1.5707963267948966 0"/></joint></robot>"""
+
+
+def test_links_fixed_to_one_another_are_one_body(load):
+    thing = load(TWO_LINKS)
+    _, shaft = thing.geometries
+    assert thing.link == "head"
+    np.testing.assert_allclose(shaft.X_OG[:3, 3], [0.06, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(np.abs(shaft.X_OG[:3, 2]), [1, 0, 0], atol=1e-9)
+    assert thing.mass == pytest.approx(0.4)
+    np.testing.assert_allclose(thing.p_OCom, [0.0025, 0, 0], atol=1e-9)
+    assert thing.I_OCom[1, 1] == pytest.approx(2e-5 + 0.3 * 0.0025**2 + 0.1 * 0.0075**2)
+    assert "2 links" in thing.notes[0]
+
+
+def test_a_joint_that_moves_is_no_rigid_body(load):
+    with pytest.raises(InputError, match="one rigid body") as error:
+        load(TWO_LINKS.replace('type="fixed"', 'type="revolute"'))
+    assert "glue is revolute" in str(error.value)
 
 
 SDF = """<sdf version="1.7"><model name="can"><link name="tin"><pose>1 2 3 0 0 0</pose>

@@ -8,6 +8,7 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.propose import propose
 from drake_hand.model.urdf import Urdf
+from tests.model.conftest import four_fingers
 
 
 def test_kanguera_is_found_again(kanguera):
@@ -21,8 +22,8 @@ def test_kanguera_is_found_again(kanguera):
 
 
 EXPECTED = {
-    "allegro": ("base_link", ["finger_1", "finger_2", "finger_3", "finger_4"], 16, 12.0),
-    "allegro_drake": ("palm_link", ["finger_1", "finger_2", "finger_3", "finger_4"], 16, 12.0),
+    "allegro": ("base_link", ["ring", "middle", "index", "thumb"], 16, 12.0),
+    "allegro_drake": ("palm_link", ["ring", "middle", "index", "thumb"], 16, 12.0),
     "trifinger_pro": ("upper_holder_link", ["finger_1", "finger_2", "finger_3"], 9, 10.0),
     "orca_v1": ("right_palm", ["little", "ring", "middle", "index", "thumb"], 16, 6.0),
 }
@@ -57,7 +58,7 @@ def test_allegro_tip_is_fitted_where_drake_s_model_has_it(models):
 def test_names_that_do_not_tell_are_replaced_and_said(small):
     proposal = propose(Urdf.load(small().with_name("small.urdf")))
     assert [f.name for f in proposal.spec.fingers] == ["finger_1", "finger_2"]
-    assert any("do not tell" in remark for remark in proposal.remarks)
+    assert any("places tell" in remark for remark in proposal.remarks)
     assert proposal.spec.palm == "palm"
 
 
@@ -83,6 +84,32 @@ def test_tip_sphere_is_fitted_into_the_end_of_a_shape(small):
     assert tip.link == "b_tip"
     assert tip.radius_mm == pytest.approx(6, abs=0.1)
     assert tip.xyz_mm == pytest.approx((0, 0, 34), abs=0.1)
+
+
+def test_fingers_without_names_are_told_by_where_they_stand(tmp_path):
+    """Three in a row and one that faces them; the row's order in the file is not that of the hand."""
+    file = tmp_path / "four.urdf"
+    file.write_text(four_fingers(np.eye(3)))
+    proposal = propose(Urdf.load(file))
+    assert [(f.name, f.tip.link) for f in proposal.spec.fingers] == [
+        ("ring", "a_2"),
+        ("middle", "c_2"),
+        ("index", "b_2"),
+        ("thumb", "d_2"),
+    ]
+    assert any("opposes" in remark for remark in proposal.remarks)
+
+
+def test_servos_are_the_urdf_s_where_it_knows_and_strong_enough_for_heavy_fingers(small):
+    file = small({'effort="0.5"': 'effort="1000"'}).with_name("small.urdf")
+    urdf = Urdf.load(file)
+    defaults = propose(urdf).spec.defaults
+    assert (defaults.speed_deg_s, defaults.effort_nm, defaults.stiffness_nm_rad) == (None, 0.5, 3.0)
+    file.write_text(file.read_text().replace('<mass value="0.01"/>', '<mass value="1"/>'))
+    heavy = propose(Urdf.load(file)).spec.defaults
+    weight = 9.81 * (2 * 0.0 + 1 * 0.03)  # a_tip, or b_tip, beyond the joint before the last
+    assert heavy.effort_nm == pytest.approx(2 * weight, abs=0.01)
+    assert heavy.stiffness_nm_rad * np.radians(1.5) >= weight
 
 
 def test_missing_limits_are_guessed_and_said(small):

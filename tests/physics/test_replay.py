@@ -8,8 +8,10 @@ import pytest
 
 from drake_hand import cli
 from drake_hand.errors import InputError
-from drake_hand.physics.replay import commands, hold_windows, replay, simulate
-from drake_hand.physics.simulation import Perturbation
+from drake_hand.physics.engine import Perturbation
+from drake_hand.physics.replay import commands, replay
+from drake_hand.physics.runs import simulate
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Certificate, Part, Plan
 from drake_hand.plans.trajectory import Trajectory
 from tests.verify.held import END, RAMP, held_plan
@@ -89,11 +91,11 @@ def test_runs_are_perturbed_reproducibly_and_counted(plan):
 
 @pytest.mark.parametrize(("perturb", "made"), [(False, 1), (True, 2)])
 def test_a_run_as_planned_can_be_watched(plan, perturb, made, monkeypatch):
-    from drake_hand.physics import replay as module
+    from drake_hand.physics import runs as module
 
-    calls, seen, original = [], [], module.replay
+    calls, seen, original = [], [], module.one_run
     monkeypatch.setattr(
-        module, "replay", lambda plan, change, *rest: calls.append(change) or original(plan, change, *rest)
+        module, "one_run", lambda plan, change, **rest: calls.append(change) or original(plan, change, **rest)
     )
     watch = lambda run, record: seen.append((run, record))  # noqa: E731
     simulate(certified(plan), perturb=perturb, contact="point", jobs=1, watch=watch)

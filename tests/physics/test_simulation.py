@@ -6,7 +6,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.simulation import Perturbation, Physics, _grown
+from drake_hand.physics.engine import Perturbation
+from drake_hand.physics.simulation import Physics, _grown
 
 HAND = Hand.load("kanguera")
 GRAVITY = np.array([1.0, -2.0, -9.0])

@@ -1,5 +1,7 @@
 """The plan file: strict, stable, refused where it is wrong."""
 
+import pickle
+
 import msgspec
 import numpy as np
 import pytest
@@ -64,6 +66,17 @@ def test_hash_survives_the_file_and_sees_every_number(numbers):
     assert read.hash == p.hash
     q = [numbers[:2], [numbers[2], numbers[3] + 0.5]]
     assert plan(part([0, 1], "00", q=q)).hash != p.hash
+
+
+def test_stays_certified_on_its_way_to_another_process():
+    file = msgspec.json.encode(plan())  # as read from a file, defaults left out
+    read = msgspec.json.decode(file, type=Plan)
+    stamped = replace(
+        read, certificate=Certificate(certified=True, samples=1, worst={}, failures=[], plan_hash=read.hash)
+    )
+    there = pickle.loads(pickle.dumps(stamped))
+    assert there == stamped
+    assert there.certified
 
 
 def test_is_certified_only_by_a_certificate_of_its_own():

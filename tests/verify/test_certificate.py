@@ -112,7 +112,7 @@ def test_shares_nothing_with_the_planner():
     """But the words of the automaton: what its clauses measure, the certificate measures by itself."""
     code = "import sys, drake_hand.verify.certificate; print(*(m for m in sys.modules if m.startswith('drake_hand.')))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "drake_hand.verify.pairs" in out    assert "drake_hand.verify.pairs" in out
+    assert "drake_hand.verify.pairs" in out
     rows = ("drake_hand.contact", "drake_hand.modes", "drake_hand.planning.", "drake_hand.motion.")
     shared = {m for m in out if m.startswith(rows)}
     words = ("automaton", "clauses", "code", "measured", "predicate", "switch")

@@ -1,55 +1,113 @@
-"""Figures show what the plan holds."""
+"""Figures show what the plan holds, in a column of a paper."""
 
+import matplotlib.colors
 import matplotlib.image
 import numpy as np
 import pytest
 
-from drake_hand.contact.submodel import Submodel
+from drake_hand import cli
+from drake_hand.errors import InputError
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import Trajectory
-from drake_hand.view import figures
+from drake_hand.verify.observe import observe
+from drake_hand.view import figures, paper_figures
 from drake_hand.view.colors import SUBMODEL
+from drake_hand.view.course import Course
+
+NAMES = [
+    "fig11_automaton", "fig12_coordination", "fig13_states", "fig14_frames", "fig15_path", "fig16_velocity",
+    "modes", "joints", "speeds", "object", "contacts", "contact_map", "forces", "margin",
+]  # fmt: skip
 
 
-def states(plan):
-    return Trajectory(plan).at(np.linspace(0, plan.duration, 101))
+@pytest.fixture(scope="module")
+def course(sample_plan, hand):
+    return Course.of(sample_plan, hand, np.linspace(0, sample_plan.duration, 101))
 
 
-def test_all_figures_are_written(sample_plan, hand, tmp_path):
+def test_all_figures_are_a_column_wide_and_not_blank(sample_plan, hand, tmp_path):
     files = figures.draw_plan(sample_plan, hand, tmp_path / "figures")
-    assert [f.stem for f in files] == ["modes", "joints", "speeds", "object", "contacts", "forces"]
+    assert [f.stem for f in files] == NAMES
     for f in files:
-        assert matplotlib.image.imread(f).std() > 0.02
+        image = matplotlib.image.imread(f)
+        assert image.std() > 0.02
+        assert image.shape[1] == pytest.approx(85 / 25.4 * 300, abs=2)
+
+
+def test_formats_are_those_asked_for(sample_plan, tmp_path, capsys):
+    sample_plan.save(tmp_path / "a.plan.json")
+    command = ["plot", str(tmp_path / "a.plan.json"), "-o", str(tmp_path / "f")]
+    assert cli.run([*command, "--format", "tiff"]) == 2
+    assert "svg, pdf, png" in capsys.readouterr().err
+    assert cli.run([*command, "--format", "svg,pdf", "--gif", str(tmp_path / "f" / "a.gif")]) == 0
+    written = {f.name for f in (tmp_path / "f").iterdir()}
+    assert {"modes.svg", "modes.pdf", "a.gif"} <= written
+    assert not any(name.endswith(".png") for name in written)
+    assert (tmp_path / "f" / "a.gif").stat().st_size < 2e6
 
 
 def test_timeline_has_a_bar_per_finger_and_part(sample_plan):
     ax = figures.draw_modes(sample_plan).axes[0]
     assert len(ax.patches) == 25
     bar = next(b for b in ax.patches if b.get_x() == 4.0 and b.get_y() < 3 < b.get_y() + b.get_height())
-    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL[Submodel.SLIDE]
+    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL["2"]
 
 
-def test_contact_gap_is_the_distance_of_tip_and_point(sample_plan, hand):
-    figure = figures.draw_contacts(sample_plan, hand, states(sample_plan))
+def test_contact_gap_is_the_distance_of_tip_and_point(sample_plan, course):
+    figure = figures.draw_contacts(sample_plan, course)
     lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].get_lines()}
-    assert np.nanmax(np.abs(lines["thumb"])) < 1e-3
+    assert np.nanmax(lines["thumb"]) < 1e-3
     assert np.isnan(lines["little"]).all()
 
 
-def test_speeds_are_shares_of_the_limit(sample_plan, hand):
-    s = states(sample_plan)
-    thumb = panel(figures.draw_speeds(sample_plan, hand, s), "thumb")
+def test_speeds_are_shares_of_the_limit(sample_plan, hand, course):
+    thumb = panel(figures.draw_speeds(sample_plan, course), "thumb")
     (speed,) = (line for line in thumb.get_lines() if line.get_label() == "speed")
     columns = hand.finger("thumb").columns
-    assert np.max(speed.get_ydata()) == pytest.approx(np.abs(s.v[:, columns] / hand.speed[columns]).max())
+    assert np.max(speed.get_ydata()) == pytest.approx(
+        100 * np.abs(course.states.v[:, columns] / hand.speed[columns]).max()
+    )
+
+
+def test_joints_are_drawn_as_their_place_in_the_range(sample_plan, hand, course):
+    index = panel(figures.draw_joints(sample_plan, course), "index")
+    (flexion,) = (line for line in index.get_lines() if line.get_label() == "flexion")
+    i = hand.joints.index("index_flexion")
+    q = hand.q_lower[i] + np.array(flexion.get_ydata()) / 100 * (hand.q_upper[i] - hand.q_lower[i])
+    np.testing.assert_allclose(q, course.states.q[:, i], atol=1e-12)
+
+
+def test_activation_is_that_of_the_modes(sample_plan, course):
+    index = panel(paper_figures.draw_coordination(sample_plan, course), "index")
+    active = np.array(index.get_lines()[0].get_ydata())
+    t = course.states.t
+    assert not active[t < 1].any()
+    assert active[(t > 1) & (t < 2)].all()
+    assert not active[(t > 2) & (t < 4)].any()
+
+
+def test_states_are_lettered_from_the_one_without_contact(sample_plan):
+    texts = [t.get_text() for t in paper_figures.draw_states(sample_plan).axes[0].texts]
+    assert "A\n00000" in texts
+    assert "break index" in texts
+    assert len([t for t in texts if "\n" in t]) == 4
+
+
+def test_effort_is_that_of_the_checker(sample_plan, hand, course):
+    scene = Scene(hand, Object.load("pencil_r8"))
+    seen = observe(Trajectory(sample_plan), scene)
+    held = seen.states.t > 1
+    shares = np.abs(seen.torque[held]) / hand.effort
+    for finger in hand.fingers:
+        own = course.effort[course.states.t > 1, finger.index].max()
+        assert own == pytest.approx(shares[:, finger.columns].max(), rel=0.02, abs=1e-9)
+
+
+def test_unknown_format_is_named(sample_plan, hand, tmp_path):
+    with pytest.raises(InputError, match="unknown format"):
+        figures.draw_plan(sample_plan, hand, tmp_path, formats=("bmp",))
 
 
 def panel(figure, finger):
     return next(ax for ax in figure.axes if ax.get_title(loc="left") == finger)
-
-
-def test_joint_panels_carry_limits(sample_plan, hand):
-    index = panel(figures.draw_joints(sample_plan, hand, states(sample_plan)), "index")
-    drawn = {round(float(line.get_ydata()[0]), 3) for line in index.get_lines() if line.get_linestyle() == "--"}
-    columns = hand.finger("index").columns
-    limits = np.degrees(np.r_[hand.q_lower[columns], hand.q_upper[columns]])
-    assert {round(float(x), 3) for x in limits} <= drawn

@@ -11,7 +11,7 @@ from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import unpack_record
 from drake_hand.epos.sim.dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, fits
-from drake_hand.epos.sim.motion import Cyclic, Demand, Generator, Hold, Profile, Ramp
+from drake_hand.epos.sim.motion import Cyclic, Demand, Generator, Hold, Homing, Profile, Ramp
 from drake_hand.epos.sim.motor import Motor
 from drake_hand.epos.sim.pvt import Limits, PvtQueue, Record
 from drake_hand.epos.state import BIT12, TARGET_REACHED, Control
@@ -19,7 +19,7 @@ from drake_hand.epos.state import BIT12, TARGET_REACHED, Control
 STEP_S = 1e-3
 """Longest step of the drive's own clock."""
 _RUN, _AT_ONCE, _RELATIVE = 1 << 4, 1 << 5, 1 << 6
-_MODES = {t: (o.MODE_PROFILE, mode) for t, mode in o.STREAM_MODE.items()}
+_MODES = {t: (o.MODE_PROFILE, o.MODE_HOMING, mode) for t, mode in o.STREAM_MODE.items()}
 _FOLLOWING_ERROR, _QUEUE_ERROR = 0x8611, 0xFF0C
 _SOFT_LIMIT = {"epos1": 0xFF09, "epos2": 0xFF09, "epos4": 0x8A82}
 
@@ -40,6 +40,9 @@ class Axis:
         self.demand = Demand(position)
         self.queue = PvtQueue()
         self.powered = False
+        self.homed = False
+        """Whether the zero is known since power-on."""
+        self._homing: Homing | None = None
         self._cyclic = Cyclic()
         self._generator: Generator = Hold()
         self._next_profile: Profile | None = None
@@ -98,6 +101,8 @@ class Axis:
     def _become(self, generator: Generator) -> None:
         if generator is not self.queue:
             self.queue.stop()
+        if generator is not self._homing:
+            self._homing = None
         self._generator, self._next_profile, self._word = generator, None, 0
 
     def command(self, word: int) -> None:
@@ -106,6 +111,10 @@ class Axis:
         mode = self._dictionary[o.MODE]
         if mode == o.MODE_PROFILE:
             self._command_profile(word, before)
+        elif mode == o.MODE_HOMING:
+            if word & ~before & _RUN:
+                self._home()
+                self._word = word
         elif mode == o.MODE_INTERPOLATED:
             runs = word & _RUN and not word & Control.HALT
             if runs and not self.queue.active and not before & _RUN:
@@ -115,6 +124,32 @@ class Axis:
             elif not runs and self.queue.active:
                 self.ramp(o.PROFILE_DECELERATION)
                 self._word = word
+
+    def _home(self) -> None:
+        d, kind, method = self._dictionary, self._drive.type, self._dictionary[o.HOMING_METHOD]
+        threshold = d[o.HOMING_CURRENT[kind]]
+        self.homed = False
+        self._homing = Homing(
+            next((side for side, on_stop in o.HOME_ON_STOP.items() if method == on_stop), 0),
+            speed=d[o.HOMING_SPEED] * self._per_rpm,
+            acceleration=d[o.HOMING_ACCELERATION] * self._per_rpm,
+            offset=d[o.HOME_OFFSET],
+            stop=lambda: self.motor.position if abs(self.motor.current_ma) >= threshold else None,
+        )
+        self._become(self._homing)
+
+    def _end_homing(self) -> None:
+        """The place where it ended is the home position from now on."""
+        self._homing = None
+        self.homed = True
+        home = self._dictionary[o.HOME_POSITION[self._drive.type]]
+        self.count_from(home - self.following_error)
+        self._generator = Hold()
+
+    def count_from(self, position: float) -> None:
+        """The encoder shows another position from now on; demand and motor stay where they are."""
+        self.demand.position += position - self.motor.position
+        self.motor.count_from(position)
 
     def _command_profile(self, word: int, before: int) -> None:
         if word & Control.HALT:
@@ -189,6 +224,8 @@ class Axis:
             if self.powered:
                 self._generator.step(demand, h)
             motor.step(demand, h, self.powered)
+            if self._homing and self._homing.done:
+                self._end_homing()
         if not self.powered:
             demand.position, demand.velocity = motor.position, 0.0
 
@@ -215,5 +252,7 @@ class Axis:
             return BIT12 if isinstance(generator, Cyclic | Hold) else 0
         if mode == o.MODE_INTERPOLATED:
             return (BIT12 if self.queue.active else 0) | (TARGET_REACHED if settled else 0)
+        if mode == o.MODE_HOMING:
+            return (BIT12 if self.homed and not self._homing else 0) | (TARGET_REACHED if settled else 0)
         acknowledged = mode == o.MODE_PROFILE and self._word & _RUN
         return (BIT12 if acknowledged else 0) | (TARGET_REACHED if settled else 0)

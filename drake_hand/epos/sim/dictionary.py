@@ -195,7 +195,7 @@ def _device(d: Dictionary, drive: Drive) -> None:
     d.add(o.DISABLE_OPTION, 1, limits=(0, 1))
     d.add(o.FAULT_OPTION, 2, limits=(0, 2))
     d.add(o.MODE, o.MODE_PROFILE)
-    modes = [m for m in (o.MODE_PROFILE, o.STREAM_MODE[drive.type]) if m > 0]
+    modes = [m for m in (o.MODE_PROFILE, o.MODE_HOMING, o.STREAM_MODE[drive.type]) if m > 0]
     d.add(o.SUPPORTED_MODES, sum(1 << m - 1 for m in modes), access="ro")
     d.add(o.MODE_DISPLAY, o.MODE_PROFILE, access="ro")
     d.add(o.POSITION_DEMAND, access="ro")
@@ -205,6 +205,13 @@ def _device(d: Dictionary, drive: Drive) -> None:
     d.add(o.FOLLOWING_ERROR[drive.type], access="ro")
     d.add(o.CURRENT_ACTUAL[drive.type], access="ro")
     d.add(o.TARGET_POSITION, stored=False)
+    d.add(o.HOME_OFFSET)
+    d.add(o.HOME_POSITION[drive.type])
+    d.add(o.HOMING_METHOD, 7)
+    d.add(o.HOMING_SPEED, 100)
+    d.add(o.HOMING_SPEED_ZERO, 10)
+    d.add(o.HOMING_ACCELERATION, 1000, limits=(1, 2**32 - 1))
+    d.add(o.HOMING_CURRENT[drive.type], 500)
     d.add(o.SOFT_LIMIT_MIN, 0 if drive.type == "epos4" else _S32[0])
     d.add(o.SOFT_LIMIT_MAX, 0 if drive.type == "epos4" else _S32[1])
     d.add(o.MAX_PROFILE_VELOCITY, 25000)

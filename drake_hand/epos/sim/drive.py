@@ -75,6 +75,8 @@ class SimulatedDrive:
     def boot(self, t: float) -> None:
         """Powers up, or resets: stored values, no errors, no power stage, boot-up frame."""
         self.dictionary.reset()
+        self.axis.homed = False
+        self.axis.count_from(0.0)
         self.axis.queue.clear(enable=False)
         self.machine.boot()
         self._configure()

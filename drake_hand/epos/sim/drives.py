@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import queue
 import threading
 import time
@@ -26,6 +27,7 @@ from drake_hand.epos.sim import faults as fault_table
 from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drive import SimulatedDrive
 from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, Schedule
+from drake_hand.epos.sim.motor import Motor
 from drake_hand.epos.sim.timeline import Timeline
 from drake_hand.epos.state import State
 from drake_hand.errors import InputError
@@ -51,6 +53,7 @@ class SimulatedDrives:
         drives: which drives.
         q: (n,) joint positions at which the motors stand, rad, in the order of ``drives.joints``; at counts 0 if not
             given.
+        zeroed: whether somebody has found the zeros since power-on; otherwise the encoders count from where they are.
         log: file for the timeline (see `sim_timeline`).
         faults: scheduled faults.
         seed: of everything random.
@@ -66,6 +69,7 @@ class SimulatedDrives:
         drives: Drives,
         *,
         q: np.ndarray | None = None,
+        zeroed: bool = True,
         log: Path | None = None,
         faults: FaultsFile | None = None,
         seed: int = 0,
@@ -93,6 +97,8 @@ class SimulatedDrives:
             )
             for i, (d, position) in enumerate(zip(drives.drives, counts, strict=True))
         ]
+        self._zeroed = zeroed
+        self._build_stops()
         self._load_settings()
         self._frame_faults = [FrameFaults(r) for r in rng.spawn(len(self._simulated))]
         self._listeners: dict[int, list[int]] | None = None
@@ -117,7 +123,21 @@ class SimulatedDrives:
         self._now = t
         self._mark("boot")
         for drive in self._simulated:
+            motor = drive.axis.motor
+            place = motor.position - motor.origin
             drive.boot(t)
+            if self._zeroed:
+                drive.axis.count_from(place)
+                drive.axis.homed = True
+
+    def _build_stops(self) -> None:
+        """Gives every motor that moves one joint alone the stop of that joint."""
+        q = np.array([0.0 if d.stop is None else d.stop for d in self.drives.drives])
+        for i, drive in enumerate(self._simulated):
+            counts = self.drives.counts_from_joints(q)
+            if drive.drive.stop is not None and self.drives.alone(i):
+                up = drive.drive.stop_side * drive.drive.direction > 0
+                drive.axis.motor.stops = (-math.inf, float(counts[i])) if up else (float(counts[i]), math.inf)
 
     def stop(self) -> None:
         """Cuts their power: ends the thread, keeps the settings, closes the timeline; idempotent.
@@ -157,6 +177,11 @@ class SimulatedDrives:
         self._commands.put(fault)
 
     @property
+    def motors(self) -> list[Motor]:
+        """The moving parts, in the order of the drives."""
+        return [s.axis.motor for s in self._simulated]
+
+    @property
     def states(self) -> dict[str, State]:
         """State of each drive by joint; for tests."""
         return {s.drive.joint: s.machine.state for s in self._simulated}
@@ -164,7 +189,8 @@ class SimulatedDrives:
     @property
     def q(self) -> np.ndarray:
         """(n,) where the joints really are, rad; for tests."""
-        return self.drives.joints_from_counts(np.array([s.axis.motor.position for s in self._simulated]))
+        motors = [s.axis.motor for s in self._simulated]
+        return self.drives.joints_from_counts(np.array([m.position - m.origin for m in motors]))
 
     # --- the thread
 
@@ -184,6 +210,14 @@ class SimulatedDrives:
         self._catch_up(t)
         if message and not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
             self._dispatch(message.arbitration_id, bytes(message.data), t)
+
+    def pass_time(self, t: float) -> None:
+        """Lets bus time reach t [s], however little that is."""
+        self._catch_up(t)
+        if t > self._now:
+            self._pass_time(t)
+        if t - self._last_row >= self._row_s:
+            self._record(synced=False)
 
     def _catch_up(self, t: float) -> None:
         """Does what was due until t: delayed frames, ticks, commands."""

@@ -6,6 +6,7 @@ Positions in counts, speeds in counts/s, as floats; a generator moves the demand
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -86,6 +87,40 @@ class Profile:
             demand.position, demand.velocity, self.done = self.target, 0.0, True
         else:
             demand.position, demand.velocity = demand.position + velocity * dt, velocity
+
+
+class Homing:
+    """Seeks a stop, recognised by the motor's current, and moves off it again; or takes the place for what it is.
+
+    Args:
+        side: direction of the stop, 1 or -1; 0 does not move.
+        speed: counts/s.
+        acceleration: counts/s^2.
+        offset: how far to move off the stop, counts.
+        stop: where the motor is while its current tells a stop; None while it does not.
+    """
+
+    def __init__(
+        self, side: int, *, speed: float, acceleration: float, offset: float, stop: Callable[[], float | None]
+    ) -> None:
+        self.done = side == 0
+        self._side, self._speed, self._acceleration, self._offset = side, speed, acceleration, offset
+        self._stop = stop
+        self._back: Profile | None = None
+
+    def step(self, demand: Demand, dt: float) -> None:
+        """Advances by dt seconds."""
+        if self._back:
+            self._back.step(demand, dt)
+            self.done = self._back.done
+        elif self.done:
+            return
+        elif (at := self._stop()) is not None:
+            demand.position, demand.velocity, a = at, 0.0, self._acceleration
+            self._back = Profile(at - self._side * self._offset, speed=self._speed, acceleration=a, deceleration=a)
+        else:
+            demand.velocity = self._side * min(self._speed, abs(demand.velocity) + self._acceleration * dt)
+            demand.position += demand.velocity * dt
 
 
 class Cyclic:

@@ -39,6 +39,7 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     drives: str
     channel: str
     q: list[float] | None
+    zeroed: bool
     log: str | None
     faults: list[Fault]
     seed: int
@@ -70,6 +71,7 @@ def spawn_simulated_drives(
     drives: Drives,
     *,
     q: np.ndarray | None = None,
+    zeroed: bool = True,
     log: Path | None = None,
     faults: FaultsFile | None = None,
     seed: int = 0,
@@ -79,6 +81,7 @@ def spawn_simulated_drives(
     Args:
         drives: read from a file, which the child reads too.
         q: (n,) where the joints stand, rad (the plan's first way-point, so that it may start).
+        zeroed: whether their zeros are known.
         log: file for the timeline.
         faults: scheduled faults.
         seed: of everything random.
@@ -86,11 +89,12 @@ def spawn_simulated_drives(
     Raises:
         DriveError: the child did not get ready.
     """
-    channel = f"{UDP_GROUP}:{_free_port()}"
+    channel = free_channel()
     setup = Setup(
         drives=str(drives.file),
         channel=channel,
         q=None if q is None else np.asarray(q, float).tolist(),
+        zeroed=zeroed,
         log=str(log) if log else None,
         faults=faults.faults if faults else [],
         seed=seed,
@@ -113,10 +117,10 @@ def spawn_simulated_drives(
             raise DriveError(f"the simulated drives did not start: {process.stderr.read().decode().strip()}")
         yield SpawnedDrives(channel=channel, process=process)
     finally:
-        _end(process)
+        end(process)
 
 
-def _end(process: subprocess.Popen) -> None:
+def end(process: subprocess.Popen) -> None:
     """Closes its input, which ends it; kills it if that does not."""
     for stream in (process.stdin, process.stdout, process.stderr):
         with suppress(OSError):  # it may have gone already, with our last line unread
@@ -129,15 +133,27 @@ def _end(process: subprocess.Popen) -> None:
         process.wait()
 
 
-def _free_port() -> int:
+def free_channel() -> str:
+    """A udp_multicast channel nobody uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("", 0))
-        return s.getsockname()[1]
+        return f"{UDP_GROUP}:{s.getsockname()[1]}"
 
 
 def standard_input() -> FileIO:
     """Unbuffered, so that a thread that still waits for it does not hold up the end of the process."""
     return FileIO(0, closefd=False)
+
+
+def listen(simulated: SimulatedDrives, commands: RawIOBase, ended: threading.Event) -> None:
+    """Injects faults that come in as JSON lines; sets `ended` when no more can come."""
+    for line in commands:
+        try:
+            if line.strip():
+                simulated.inject(convert(msgspec.json.decode(line), Fault, file="(standard input)"))
+        except (DrakeHandError, msgspec.DecodeError) as e:
+            print(f"drake-hand: {e}", file=sys.stderr, flush=True)
+    ended.set()
 
 
 def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event, *, until_eof: bool) -> None:
@@ -149,18 +165,8 @@ def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event
         stop: ends it.
         until_eof: whether the end of `commands` ends it too.
     """
-
-    def listen() -> None:
-        for line in commands:
-            try:
-                if line.strip():
-                    simulated.inject(convert(msgspec.json.decode(line), Fault, file="(standard input)"))
-            except (DrakeHandError, msgspec.DecodeError) as e:
-                print(f"drake-hand: {e}", file=sys.stderr, flush=True)
-        if until_eof:
-            stop.set()
-
-    threading.Thread(target=listen, name="fault commands", daemon=True).start()
+    ended = stop if until_eof else threading.Event()
+    threading.Thread(target=listen, args=(simulated, commands, ended), name="fault commands", daemon=True).start()
     while simulated.running and not stop.wait(_LOOK_S):
         pass
 
@@ -176,6 +182,7 @@ def _child() -> int:
                 bus,
                 drives,
                 q=None if setup.q is None else np.array(setup.q),
+                zeroed=setup.zeroed,
                 log=Path(setup.log) if setup.log else None,
                 faults=FaultsFile(faults=setup.faults),
                 seed=setup.seed,

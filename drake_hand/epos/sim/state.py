@@ -15,7 +15,7 @@ from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import EMCY_BASE
 from drake_hand.epos.sim.axis import Axis
 from drake_hand.epos.sim.dictionary import Dictionary
-from drake_hand.epos.state import REMOTE, Control, State, status_bits
+from drake_hand.epos.state import HOMED, REMOTE, Control, State, status_bits
 
 _READY, _ON, _ENABLED = State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
 _OFF, _QUICK = State.SWITCH_ON_DISABLED, State.QUICK_STOP_ACTIVE
@@ -63,7 +63,8 @@ class StateMachine:
 
     def statusword(self) -> int:
         """0x6041."""
-        return status_bits(self.state, self._drive.type) | REMOTE | self._axis.status()
+        homed = HOMED if self._axis.homed else 0
+        return status_bits(self.state, self._drive.type) | REMOTE | self._axis.status() | homed
 
     def control(self, word: int) -> None:
         """Takes a control word (0x6040)."""

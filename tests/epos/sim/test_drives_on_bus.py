@@ -161,11 +161,11 @@ def test_child_serves_a_bus_of_its_own_and_ends_with_its_parent(tmp_path):
     faults = FaultsFile(faults=[Fault(kind="emcy", joint="ring_pip", since="boot")])
     with spawn_simulated_drives(KANGUERA, q=np.full(15, 0.3), log=log, faults=faults) as spawned:
         with spawned.open_bus() as bus:
-            assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x03"
-            assert ask(bus, 0x606, READ_STATUS, 0x586)[4:6] == b"\x08\x03"
+            assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x83"
+            assert ask(bus, 0x606, READ_STATUS, 0x586)[4:6] == b"\x08\x83"
             spawned.inject(Fault(kind="emcy", joint="little_abduction", code=0x8611))
             end = time.monotonic() + 3.0
-            while ask(bus, 0x601, READ_STATUS, 0x581)[4:6] != b"\x08\x03":
+            while ask(bus, 0x601, READ_STATUS, 0x581)[4:6] != b"\x08\x83":
                 assert time.monotonic() < end
             counts = ask(bus, 0x601, bytes([0x40, 0x64, 0x60, 0]) + bytes(4), 0x581)[4:]
             assert int.from_bytes(counts, "little", signed=True) == KANGUERA.counts_from_joints(np.full(15, 0.3))[0]
@@ -226,7 +226,7 @@ def test_command_serves_until_a_signal(tmp_path):
         process.stdin.flush()
         assert "no drive for 'nope'" in process.stderr.readline()
         with can.Bus(**KANGUERA.bus.arguments("udp_multicast", f"239.74.163.2:{port}")) as bus:
-            assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x03"
+            assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x83"
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=10)
         assert process.returncode == 0

@@ -1,0 +1,118 @@
+"""A hook of mkdocs: the reference of every key, of commands and of the library, made from types and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import textwrap
+from importlib import import_module
+from typing import Any, get_args, get_type_hints
+
+import msgspec
+from mkdocs.structure.files import File
+
+import drake_hand
+from drake_hand.cli import COMMANDS
+from drake_hand.epos.drives import DrivesFile
+from drake_hand.model.hand_file import HandSpec
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Task
+
+TYPES = {"task": Task, "hand": HandSpec, "drives": DrivesFile, "plan": Plan}
+
+
+def on_files(files, config):
+    """Adds the generated pages and schemas to the site."""
+    pages = {f"reference/{name}.md": keys_page(name, kind) for name, kind in TYPES.items()}
+    pages |= {f"reference/{name}.schema.json": schema(kind) for name, kind in TYPES.items()}
+    pages["reference/commands.md"] = commands_page()
+    pages["reference/python.md"] = python_page()
+    for path, text in pages.items():
+        files.append(File.generated(config, path, content=text))
+    return files
+
+
+def schema(kind: type) -> str:
+    """JSON schema of a file, for editors."""
+    return json.dumps(msgspec.json.schema(kind), indent=1)
+
+
+def keys_page(name: str, kind: type) -> str:
+    """Every key of a file, a table per type."""
+    parts = [
+        f"# Keys of a {name} file\n\n{first_line(kind)}\n",
+        f"For editors that complete YAML or JSON: [{name}.schema.json]({name}.schema.json).\n",
+    ]
+    for struct in structs(kind):
+        rows = [f"## {struct.__name__}\n\n{inspect.getdoc(struct) or ''}\n"]
+        rows += ["| key | type | default | meaning |", "|---|---|---|---|"]
+        told = attribute_docs(struct)
+        for field in msgspec.structs.fields(struct):
+            default = "required" if field.required else f"`{plain(field)}`"
+            kind_words = str(field.type).replace("drake_hand.plans.task.", "").replace("|", "\\|")
+            kind_words = getattr(field.type, "__name__", kind_words) if not get_args(field.type) else kind_words
+            meaning = " ".join(told.get(field.name, "").split()).replace("|", "\\|")
+            rows.append(f"| `{field.encode_name}` | `{kind_words}` | {default} | {meaning} |")
+        parts.append("\n".join(rows) + "\n")
+    return "\n".join(parts)
+
+
+def structs(kind: type) -> list[type]:
+    """A struct and all it is made of, in the order they are met."""
+    found: list[type] = []
+
+    def visit(t: Any) -> None:
+        if isinstance(t, type) and issubclass(t, msgspec.Struct) and t not in found:
+            found.append(t)
+            for hint in get_type_hints(t).values():
+                visit(hint)
+        for inner in get_args(t):
+            visit(inner)
+
+    visit(kind)
+    return found
+
+
+def attribute_docs(struct: type) -> dict[str, str]:
+    """Docstrings under the fields of a class, read from its source."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(struct))).body
+    told = {}
+    for field, after in zip(tree.body, tree.body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            told[field.target.id] = str(after.value.value)
+    return told
+
+
+def plain(field: Any) -> str:
+    """A default as it would be written in a file."""
+    value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    return json.dumps(msgspec.to_builtins(value))
+
+
+def first_line(thing: Any) -> str:
+    """The first line of a docstring."""
+    return (inspect.getdoc(thing) or "").partition("\n")[0]
+
+
+def commands_page() -> str:
+    """What every command does, from its docstring."""
+    parts = [
+        "# Commands\n\nEvery command has `--help`; exit status 0 done, 1 the answer is no, 2 the input is wrong.\n"
+    ]
+    for name, (target, summary) in COMMANDS.items():
+        module, _, attribute = target.partition(":")
+        command = getattr(import_module(module), attribute)
+        told = inspect.getdoc(command) if inspect.isfunction(command) else summary
+        parts.append(f"## drake-hand {name}\n\n{(told or summary).replace('Args:', '**Arguments**').rstrip()}\n")
+    return "\n".join(parts)
+
+
+def python_page() -> str:
+    """Every public name of the library, from its docstring."""
+    parts = ["# Python\n\nAll of these are importable from `drake_hand`.\n"]
+    for name in drake_hand.__all__:
+        thing = getattr(drake_hand, name)
+        sign = str(inspect.signature(thing)) if inspect.isfunction(thing) else ""
+        parts.append(f"## {name}\n\n```python\n{name}{sign}\n```\n\n```text\n{inspect.getdoc(thing) or ''}\n```\n")
+    return "\n".join(parts)

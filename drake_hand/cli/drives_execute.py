@@ -1,0 +1,299 @@
+"""``drake-hand execute``: a plan played on motor drives, real or simulated."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Literal
+
+import can
+import msgspec
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from drake_hand.cli.drives_person import Terminal, say
+from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
+from drake_hand.cli.drives_proof import prove
+from drake_hand.cli.drives_way import come
+from drake_hand.cli.output import print_json, print_table, progress_display
+from drake_hand.epos import excerpts, executor, preflight, rehearsal
+from drake_hand.epos.clock import OWN
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.master import open_bus
+from drake_hand.epos.record import SUFFIX
+from drake_hand.epos.schedule import Excerpt, Schedule
+from drake_hand.epos.sim.process import SpawnedDrives, spawn_simulated_drives
+from drake_hand.errors import InputError
+from drake_hand.model.hand import Hand
+from drake_hand.plans.plan import Plan
+
+
+def execute(
+    plan: Path,
+    /,
+    *,
+    drives: str,
+    interface: str | None = None,
+    channel: str | None = None,
+    simulate: bool = False,
+    physics: bool = False,
+    speed: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = 1.0,
+    fingers: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    to_part: int | None = None,
+    step: bool = False,
+    pause: Literal["grasp"] | None = None,
+    go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    from_here: bool = False,
+    open: bool = False,
+    on_interrupt: Literal["hold", "off"] = "hold",
+    yes: bool = False,
+    trust: bool = False,
+    dry_run: bool = False,
+    frames: bool = False,
+    reset_faults: bool = False,
+    log: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Play a plan on motor drives, real or simulated.
+
+    The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C halts a hand that holds
+    the object, and it goes on holding; the next one, or the first where it holds nothing, stops it; one more takes the
+    power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
+    drive, 2 wrong input.
+
+    ```console
+    $ drake-hand execute spin.plan.json --drives kanguera --simulate
+    $ drake-hand execute spin.plan.json --drives kanguera --simulate --physics --pause grasp
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --fingers index --speed 0.2 --to-part 0
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --pause grasp --log today.run.npz
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --dry-run --frames | less
+    ```
+
+    Args:
+        plan: the plan file.
+        drives: a bundled name (kanguera) or a drives file; joints it leaves out are not played.
+        interface: python-can interface, instead of the drives file's.
+        channel: its channel.
+        simulate: play on simulated drives in a child process, on a bus of their own.
+        physics: with --simulate: their motors move the hand in Drake's physics, the object free; slower than real time.
+            With --log, object pose and contact forces go into a .physics.npz beside it.
+        speed: share of the planned speed.
+        fingers: play only these; the drives of the others are left alone, where they are.
+        to_part: end after this part, counted from 0 as `check` and `show` do.
+        step: hold at every switch, until Enter.
+        pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
+        go_after: seconds after which a pause ends by itself.
+        from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
+        open: with --from-here: also from where the fingers may hold the object, which falls.
+        on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
+        yes: give power without asking.
+        trust: rely on the certificate in the file; for a computer without Drake.
+        dry_run: say what would be played and how it loads the bus; open no bus, send nothing.
+        frames: with --dry-run: also every frame and when it is sent.
+        reset_faults: reset the drives that are in fault and end there: nothing is enabled, nothing moves.
+        log: write the record of the run there (.run.npz; for plot and mirror).
+        json: print one JSON object on stdout.
+    """
+    found, hand = Plan.load(plan), Drives.load(drives)
+    if simulate and (interface or channel):
+        raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
+    if physics and not simulate:
+        raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
+    if log and not log.name.endswith(SUFFIX):
+        raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    played = hand.only(_joints(found, fingers)) if fingers else hand
+    excerpt, words = _excerpt(found, speed, to_part, step, pause)
+    if dry_run:
+        return _dry_run(found, played, excerpt, frames, json)
+    with ExitStack() as stack:
+        physical = _physical(stack, plan, found, hand, log) if physics else None
+        spawned = physical.spawned if physical else None
+        bus = _open(stack, found, hand, interface, channel, simulate, spawned)
+        if reset_faults:
+            return _reset_faults(hand, bus, json)
+        person = Terminal(
+            lambda schedule: _summary(found, schedule, excerpt),
+            power=not (simulate or yes),
+            words=words,
+            go_after=go_after,
+        )
+        if trust:
+            say("warning: the plan is not proved again; what is in the file is relied on")
+        try:
+            with progress_display(quiet=json or bool(words)) as progress:
+                if from_here:
+                    came = come(
+                        found.task.hand,
+                        played,
+                        bus,
+                        plan=plan,
+                        object_there=pause is None,
+                        open_=open,
+                        power=not (simulate or yes),
+                        progress=progress,
+                    )
+                    if not came.ok:
+                        return _print_run(came, json)
+                run = executor.execute(
+                    found,
+                    played,
+                    bus,
+                    excerpt=excerpt,
+                    problems=[] if trust else prove(plan),
+                    person=person,
+                    hold=on_interrupt == "hold",
+                    clock=physical.clock if physical else OWN,
+                    log=log,
+                    progress=progress,
+                )
+                if run.wants_open:
+                    come(found.task.hand, played, bus, power=False, progress=progress)
+        except preflight.Refused as e:
+            if not json:
+                raise
+            refused = {"drives": len(played.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
+            print_json({"ok": False, **refused})
+            return e.exit_status
+        return _print_run(run, json, physical.outcome() if physical else None)
+
+
+def _joints(plan: Plan, fingers: list[str]) -> list[str]:
+    """Joints of some fingers of the plan's hand."""
+    hand = Hand.load(plan.task.hand)
+    return [j for name in fingers for j in hand.finger(name).joints]
+
+
+def _excerpt(
+    plan: Plan, speed: float, to_part: int | None, step: bool, pause: str | None
+) -> tuple[Excerpt, dict[float, str]]:
+    """What is played, and what is said at its pauses."""
+    end = plan.duration if to_part is None else excerpts.part_end(plan, to_part)
+    words: dict[float, str] = {}
+    if step:
+        words |= {t: ", ".join(next(p.events for p in plan.parts if p.t[0] == t)) for t in excerpts.switches(plan, end)}
+    if pause:
+        said = ("just off the contacts: hand the object over", "all fingers press: let go of the object")
+        words |= dict(zip(excerpts.around_grasp(plan, end), said, strict=False))
+    return Excerpt(speed=speed, end_s=end, pauses_s=tuple(sorted(words))), words
+
+
+def _summary(plan: Plan, schedule: Schedule, excerpt: Excerpt) -> str:
+    """One line: what is about to be played."""
+    drives, end = schedule.drives, excerpt.end_s
+    parts = sum(p.t[0] < (plan.duration if end is None else end) for p in plan.parts)
+    limit = np.array([d.max_speed_rpm for d in drives.drives])
+    words = [
+        f"{len(drives.drives)} drives: parts 0 to {parts - 1} of {len(plan.parts)}",
+        f"{schedule.last * schedule.period:.1f} s at {excerpt.speed:.0%} of the planned speed",
+        f"motors at {(np.abs(schedule.rpm) / limit).max():.0%} of their speed limit",
+    ]
+    if excerpt.pauses_s:
+        words.append(f"{len(excerpt.pauses_s)} pauses")
+    missing = [j for j in plan.joints if j not in drives.joints]
+    if missing:
+        words.append(f"NOT played: {', '.join(missing)}; whether the fingers stay clear of these was not proved")
+    return "; ".join(words)
+
+
+def _physical(stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Path | None) -> PhysicalHand:
+    """The hand in physics, standing where the plan starts.
+
+    Raises:
+        Refused: the plan does not fit the drives.
+    """
+    problems, unfit = preflight.plan_problems(plan, drives)
+    if unfit:
+        raise preflight.Refused(problems, wrong_input=True)
+    record = log.with_name(log.name.removesuffix(SUFFIX) + ".physics.npz") if log else None
+    return stack.enter_context(spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record))
+
+
+def _open(
+    stack: ExitStack,
+    plan: Plan,
+    drives: Drives,
+    interface: str | None,
+    channel: str | None,
+    simulate: bool,
+    spawned: SpawnedDrives | None,
+) -> can.BusABC:
+    """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
+    if not simulate:
+        return stack.enter_context(open_bus(drives.bus, interface, channel))
+    if spawned is None:
+        _, unfit = preflight.plan_problems(plan, drives)
+        q = None if unfit else Schedule.build(plan, drives).q[0]
+        spawned = stack.enter_context(spawn_simulated_drives(drives, q=q))
+    return stack.enter_context(open_bus(drives.bus, spawned.interface, spawned.channel))
+
+
+def _dry_run(plan: Plan, drives: Drives, excerpt: Excerpt, frames: bool, json: bool) -> int:
+    problems, wrong_input = preflight.plan_problems(plan, drives, excerpt)
+    if problems:
+        raise preflight.Refused(problems, wrong_input=wrong_input)
+    schedule = Schedule.build(plan, drives, excerpt=excerpt)
+    rehearsed = rehearsal.rehearse(schedule)
+    mean, largest = rehearsal.bus_load(rehearsed.frames, drives)
+    lines = list(rehearsal.lines(rehearsed))
+    if json:
+        answer = {
+            "ok": True,
+            "dry_run": True,
+            "drives": len(drives.drives),
+            "lead_in_s": schedule.lead * schedule.period,
+            "plan_s": schedule.plan_time[-1],
+            "bus_load": {"mean": mean, "max": largest},
+            "frame_count": len(lines),
+        }
+        print_json(answer | ({"frames": lines} if frames else {}))
+        return 0
+    print(_summary(plan, schedule, excerpt))
+    print(
+        f"{len(lines)} frames; SYNC every {drives.bus.sync_ms} ms; lead-in {schedule.lead * schedule.period:g} s;"
+        f" bus load with the drives' answers: {mean:.0%} on average, {largest:.0%} at most; nothing was sent"
+    )
+    if frames:
+        print("   time ms  COB  data                     meaning")
+        for line in lines:
+            print(line)
+    return 0
+
+
+def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
+    were, remaining = executor.reset_faults(drives, bus)
+    if json:
+        print_json({"ok": not remaining, "drives": len(drives.drives), "were_in_fault": were, "problems": remaining})
+        return int(bool(remaining))
+    print("\n  ".join([f"{len(were)} drives were in fault", *were]))
+    if remaining:
+        print("\n  ".join(["not reset:", *remaining]))
+    else:
+        print("no drive is in fault now; nothing was enabled. Run again without --reset-faults to play.")
+    return int(bool(remaining))
+
+
+def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None) -> int:
+    answer = run.answer()
+    ok = run.ok and not (outcome and outcome.dropped)
+    if json:
+        print_json(answer if outcome is None else answer | {"engine": "drake", "object": msgspec.to_builtins(outcome)})
+        return 0 if ok else 1
+    for fault in answer["faults"]:
+        stored = f"; stored: {', '.join(fault['history'])}" if fault["history"] else ""
+        print(f"stopped at {fault['time_s']:.2f} s by {fault['text']}{stored}")
+    rows = [(joint, t["max_error_deg"], t["lag_ms"], t["unexplained_deg"]) for joint, t in answer["tracking"].items()]
+    print_table("tracking", ["joint", "largest error deg>", "lag ms>", "unexplained deg>"], rows)
+    late = answer["sync_late_ms"]
+    print(f"SYNC late: p50 {late['p50']:.2f} ms, p99 {late['p99']:.2f} ms, max {late['max']:.2f} ms")
+    print(f"start skew: {answer['start_skew_syncs']} SYNC periods")
+    if answer["not_disabled"]:
+        print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
+    print(("played" if answer["ok"] else "not played to its end") + f"; {answer['drives']} drives")
+    if outcome:
+        print(
+            f"the object: {'DROPPED' if outcome.dropped else 'in the hand'} at {outcome.at_s:.2f} s, off the plan by"
+            f" {outcome.position_error_mm:.2f} mm, tilt {outcome.tilt_error_deg:.2f} deg, turn"
+            f" {outcome.rotation_error_deg:.2f} deg; {outcome.slowed:.1f} x slower than real time"
+        )
+    return 0 if ok else 1

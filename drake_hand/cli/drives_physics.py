@@ -1,0 +1,254 @@
+"""The simulated hand with the object in it: drives and physics in a process of their own, in step with the master."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from drake_hand.epos.clock import SharedClock
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.in_step import serve_in_step
+from drake_hand.epos.sim.process import SpawnedDrives, end, free_channel, listen, standard_input
+from drake_hand.errors import DrakeHandError, DriveError
+from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
+
+DROPPED_MM = 30.0
+_SAMPLE_STEPS = 5
+_CHILD = "from drake_hand.cli.drives_physics import child; child()"
+_READY = b"ready\n"
+
+
+class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """What a child simulates."""
+
+    drives: str
+    plan: str
+    channel: str
+    clock: str
+    q: list[float]
+    seed: int | None
+    """Of what is not as planned: friction, mass, stiffness, start; None for nothing."""
+    record: str | None
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of the object, when the plan's motion ended or the object was dropped."""
+
+    dropped: bool
+    position_error_mm: float
+    tilt_error_deg: float
+    rotation_error_deg: float
+    at_s: float
+    """Plan time."""
+    slowed: float
+    """Seconds of the computer's time for one of the clock's, while the plan was played."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicalHand:
+    """Drives in physics, ready."""
+
+    spawned: SpawnedDrives
+    clock: SharedClock
+
+    def outcome(self) -> Outcome:
+        """Ends the drives; what became of the object.
+
+        Raises:
+            DriveError: nothing was played, or the simulation broke down.
+        """
+        process = self.spawned.process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdin.close()
+        try:
+            return msgspec.json.decode(process.stdout.readline(), type=Outcome)
+        except msgspec.DecodeError as e:
+            said = process.stderr.read().decode().strip()
+            raise DriveError(f"physics has nothing to tell: {said or 'nothing was played'}") from e
+
+
+@contextmanager
+def spawn_physical_hand(
+    drives: Drives, plan: Path, q: np.ndarray, *, seed: int | None = None, record: Path | None = None
+) -> Iterator[PhysicalHand]:
+    """Simulated drives whose motors move the hand of a plan in physics, its object where the plan starts.
+
+    Args:
+        drives: read from a file, which the child reads too.
+        plan: file.
+        q: (n,) where the joints stand, rad.
+        seed: of what is not as planned; everything is as planned if not given.
+        record: file for what happened (npz): plan time, object pose, joints, contact forces.
+
+    Raises:
+        DriveError: the child did not get ready.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "clock"
+        clock = SharedClock.create(file)
+        setup = Setup(
+            drives=str(drives.file),
+            plan=str(plan),
+            channel=free_channel(),
+            clock=str(file),
+            q=np.asarray(q, float).tolist(),
+            seed=seed,
+            record=str(record) if record else None,
+        )
+        process = subprocess.Popen(
+            [sys.executable, "-c", _CHILD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            process.stdin.write(msgspec.json.encode(setup) + b"\n")
+            process.stdin.flush()
+            if process.stdout.readline() != _READY:
+                raise DriveError(f"physics did not start: {process.stderr.read().decode().strip()}")
+            yield PhysicalHand(spawned=SpawnedDrives(channel=setup.channel, process=process), clock=clock)
+        finally:
+            end(process)
+
+
+def child() -> None:
+    """Simulates until its input ends, then says what became of the object."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    commands = standard_input()
+    setup = msgspec.json.decode(commands.readline(), type=Setup)
+    stop = threading.Event()
+    try:
+        drives = Drives.load(setup.drives)
+        world = _World(drives, Plan.load(setup.plan), SharedClock(Path(setup.clock)), np.array(setup.q), setup.seed)
+        with drives.bus.open("udp_multicast", setup.channel) as bus:
+            simulated = SimulatedDrives(bus, drives, q=np.array(setup.q))
+            simulated.boot(0.0)
+            world.enabled = lambda: any(s.powered for s in simulated.states.values())
+            threading.Thread(target=listen, args=(simulated, commands, stop), daemon=True).start()
+            os.write(1, _READY)
+            serve_in_step(simulated, bus, world.clock, world, stop)
+            simulated.stop()
+    except (DrakeHandError, OSError, RuntimeError) as e:
+        print(e, file=sys.stderr)
+        sys.exit(1)
+    if setup.record and world.played:
+        world.save(Path(setup.record))
+    if world.played:
+        os.write(1, msgspec.json.encode(world.outcome()) + b"\n")
+
+
+class _World:
+    """Drake's plant, whose servos are the cables between motors and joints."""
+
+    def __init__(self, drives: Drives, plan: Plan, clock: SharedClock, q: np.ndarray, seed: int | None) -> None:
+        from drake_hand.model.hand import Hand
+        from drake_hand.model.object import Object
+        from drake_hand.physics.deviation import main_axis
+        from drake_hand.physics.replay import commands
+        from drake_hand.physics.simulation import Perturbation, Physics
+        from drake_hand.verify.certificate import check_models
+
+        hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
+        check_models(plan, hand, object_)
+        change = Perturbation() if seed is None else Perturbation.draw(np.random.default_rng(seed))
+        self._trajectory = Trajectory(plan)
+        first = self._trajectory.at(0.0)
+        self.physics = Physics(
+            hand,
+            object_.with_mass(plan.object_mass_kg),
+            commands(self._trajectory),
+            first.X_WO[0],
+            gravity=np.array(plan.task.physics.gravity),
+            friction=plan.task.physics.friction,
+            perturbation=change,
+        )
+        self._begin = self.physics.time
+        self._columns = np.array([list(hand.joints).index(j) for j in drives.joints])
+        self._q, self._v = first.q_command[0].copy(), np.zeros(hand.nq)
+        self._q[self._columns] = q
+        self._stiffness, self._damping = hand.stiffness * change.stiffness, hand.damping
+        self._windows, self._end = hold_windows(plan), plan.duration
+        self._axis = main_axis(plan.task, first.X_WO[0], object_)
+        self.clock = clock
+        self.enabled = lambda: False
+        self._free, self._steps, self._dropped = False, 0, False
+        self._began: tuple[float, float] | None = None
+        self._slowed = 1.0
+        self._rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def advance(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Moves on to time t; torques on the joints, Nm."""
+        physics = self.physics
+        self._q[self._columns], self._v[self._columns] = q, v
+        physics.command(self._q, self._v)
+        physics.advance(self._begin + t)
+        plan_time = self.clock.plan_time
+        if np.isfinite(plan_time) and plan_time >= 0 and self.enabled():
+            self._watch(t, plan_time)
+        torque = self._stiffness * (self._q - physics.q) + self._damping * (self._v - physics.v)
+        return torque[self._columns]
+
+    def _watch(self, t: float, plan_time: float) -> None:
+        """Lets go of the object when the fingers hold it; notes what happens."""
+        in_hand = plan_time > self._windows[-1][1] or any(a <= plan_time <= b for a, b in self._windows)
+        if in_hand and not self._free:
+            self.physics.let_go()
+        elif self._free and not in_hand:
+            self.physics.take_back()
+        self._free = in_hand
+        self._began = self._began or (t, time.monotonic())
+        if t > self._began[0]:
+            self._slowed = (time.monotonic() - self._began[1]) / (t - self._began[0])
+        self._steps += 1
+        if self._steps % _SAMPLE_STEPS:
+            return
+        X_WO, touch = self.physics.X_WO, self.physics.touch()
+        self._rows.append((plan_time, X_WO, self.physics.q, touch.f_W))
+        away = X_WO[:3, 3] - self._trajectory.at(plan_time).X_WO[0, :3, 3]
+        self._dropped |= self._free and (float(np.linalg.norm(away)) * 1e3 > DROPPED_MM or not touch.f_W.any())
+
+    @property
+    def played(self) -> bool:
+        """Whether anything was."""
+        return bool(self._rows)
+
+    def outcome(self) -> Outcome:
+        """What became of the object."""
+        from drake_hand.physics.deviation import deviation
+
+        t = np.array([row[0] for row in self._rows])
+        off = deviation(np.array([row[1] for row in self._rows]), self._trajectory.at(t).X_WO, self._axis)
+        return Outcome(
+            dropped=bool(self._dropped),
+            position_error_mm=float(off.position_mm[-1]),
+            tilt_error_deg=float(off.tilt_deg[-1]),
+            rotation_error_deg=abs(float(off.rotation_deg[-1])),
+            at_s=float(t[-1]),
+            slowed=self._slowed,
+        )
+
+    def save(self, file: Path) -> None:
+        """Writes what happened, a row each 5 ms."""
+        plan_time, X_WO, q, f_W = (np.array(column) for column in zip(*self._rows, strict=True))
+        np.savez_compressed(file, plan_time=plan_time, X_WO=X_WO, q=q, f_W=f_W)

@@ -1,0 +1,167 @@
+"""A certified way of the empty hand from where it is, found and proved in a process with Drake."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import can
+import msgspec
+import numpy as np
+
+from drake_hand.cli.drives_person import Terminal
+from drake_hand.epos import discovery, executor, preflight
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.master import Master
+from drake_hand.epos.schedule import Excerpt
+from drake_hand.errors import DrakeHandError, NoPlanFound
+from drake_hand.files import convert
+from drake_hand.model.hand import Hand
+from drake_hand.plans.holds import may_hold
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Pose, Release, Step, Task
+from drake_hand.plans.trajectory import Trajectory
+
+SPEED = 0.3
+"""Of what the hand may do: nobody has seen this way before."""
+_CHILD = "from drake_hand.cli.drives_way import child; child()"
+_NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
+
+
+class Wish(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """What a way is asked for."""
+
+    hand: str
+    start: dict[str, float]
+    """Joints, rad; what is not told is taken to be where it should get."""
+    plan: str | None
+    """To the start of this plan; home if not given."""
+    object_there: bool
+    """Whether the plan's object stands where the plan starts."""
+
+
+def way(
+    hand: str, joints: Sequence[str], q: np.ndarray, *, plan: Path | None = None, object_there: bool = False
+) -> Plan:
+    """A way, certified, as a plan in which nothing touches.
+
+    Args:
+        hand: bundled name or path of the hand file.
+        joints: names of those measured.
+        q: (n,) where they are, rad.
+        plan: to whose start; home if not given.
+        object_there: whether the plan's object stands where the plan starts, to be kept clear of.
+
+    Raises:
+        NoPlanFound: there is none, or it does not pass its certificate; says why.
+        DrakeHandError: no Drake here.
+    """
+    start = dict(zip(joints, q.tolist(), strict=True))
+    wish = Wish(hand=hand, start=start, plan=str(plan) if plan else None, object_there=object_there)
+    child = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
+    try:
+        answer = msgspec.json.decode(child.stdout)
+    except msgspec.DecodeError as e:
+        last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
+        raise DrakeHandError(f"no way could be looked for (it takes a computer with Drake): {last}") from e
+    if "reason" in answer:
+        raise NoPlanFound(f"no way from here: {answer['reason']}")
+    return convert(answer, Plan)
+
+
+def come(
+    hand: str,
+    drives: Drives,
+    bus: can.BusABC,
+    *,
+    plan: Path | None = None,
+    object_there: bool = False,
+    open_: bool = False,
+    power: bool,
+    progress: Callable[[executor.Progress], None],
+) -> executor.Run:
+    """Brings the hand home, or to where a plan starts.
+
+    Args:
+        hand: bundled name or path of the hand file.
+        drives: of the hand.
+        bus: open.
+        plan: to whose start; home if not given.
+        object_there: whether the plan's object stands where the plan starts.
+        open_: whether the fingers may open where they may hold the plan's object.
+        power: whether to ask before power is given.
+        progress: told how far it is.
+
+    Raises:
+        Refused: the hand may hold an object, or a drive does not tell where it is.
+        NoPlanFound: there is no way.
+    """
+    with Master(bus) as master:
+        found, silent = discovery.conditions(master, drives.drives)
+    if silent:
+        raise preflight.Refused(silent, wrong_input=False)
+    q = drives.joints_from_counts(np.array([c.position for c in found]))
+    held = may_hold(Plan.load(plan), drives.joints, q) if plan else None
+    if held is not None and not open_:
+        line = f"the fingers are where they hold the object at {held:.2f} s of the plan (--open lets it fall)"
+        raise preflight.Refused([line], wrong_input=False, disabled=not any(c.state.powered for c in found))
+    there = way(hand, drives.joints, q, plan=plan, object_there=object_there)
+    words = describe(there) + ("; the object falls" if held is not None else "; what the hand holds falls")
+    person = Terminal(lambda _: words, power=power)
+    return executor.execute(there, drives, bus, excerpt=Excerpt(speed=SPEED), person=person, progress=progress)
+
+
+def child() -> None:
+    """Answers a wish on standard input with a plan on standard output."""
+    wish = msgspec.json.decode(sys.stdin.buffer.read(), type=Wish)
+    try:
+        sys.stdout.buffer.write(msgspec.json.encode(_find(wish)))
+    except DrakeHandError as e:
+        sys.stdout.buffer.write(msgspec.json.encode({"reason": str(e)}))
+
+
+def _find(wish: Wish) -> Plan:
+    from drake_hand.model.object import Object
+    from drake_hand.model.scene import Scene
+    from drake_hand.motion.timing import time_path
+    from drake_hand.planning.way_home import find_way
+    from drake_hand.verify.way import certify_way
+
+    hand, X_WO = Hand.load(wish.hand), None
+    if wish.plan is None:
+        goal, task = hand.q_home, Task(hand=wish.hand, object="sphere", start=_NOWHERE, motion=[])
+    else:
+        plan = Plan.load(wish.plan)
+        first = Trajectory(plan).at(0.0)
+        goal, task = first.q_command[0], plan.task
+        X_WO = first.X_WO[0] if wish.object_there else None
+    q = np.array([wish.start.get(j, goal[i]) for i, j in enumerate(hand.joints)])
+    start = msgspec.structs.replace(
+        task.start if isinstance(task.start, Pose) else _NOWHERE,
+        joints_deg={j: float(x) for j, x in zip(hand.joints, np.degrees(q), strict=True)},
+    )
+    task = msgspec.structs.replace(task, start=start, motion=[Step(release=Release())])
+    scene = Scene(hand, Object.load(task.object))
+    found = time_path(find_way(scene, task, q, goal, X_WO))
+    certificate = certify_way(found, scene, q, goal)
+    if not certificate.certified:
+        raise NoPlanFound("the way found does not pass its certificate: " + "; ".join(certificate.failures))
+    return msgspec.structs.replace(found, certificate=certificate)
+
+
+def describe(found: Plan) -> str:
+    """One line: how far and how long a way is, who moves first, how near things come."""
+    q = np.array([row for part in found.parts for row in part.q])
+    turn = np.degrees(np.ptp(q, axis=0))
+    hand, worst = Hand.load(found.task.hand), int(turn.argmax())
+    moving = np.abs(q - q[0]).max(axis=1) > np.radians(0.1)
+    first = q[min(int(moving.argmax()) + 1, len(q) - 1)] - q[0]
+    movers = [f.name for f in hand.fingers if np.abs(first[f.columns]).max() > np.radians(0.1)]
+    assert found.certificate is not None
+    gap = -(found.certificate.worst["penetration_mm"].value or 0.0)
+    return (
+        f"way: {found.joints[worst]} turns most, {turn[worst]:.0f} deg; first {', '.join(movers) or 'nobody'};"
+        f" {found.duration / SPEED:.1f} s; clear by {gap:.1f} mm or more"
+    )

@@ -1,0 +1,54 @@
+"""drake-hand export: a plan for other players."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from drake_hand.cli.output import print_json
+from drake_hand.errors import InputError
+from drake_hand.files import write_atomic
+from drake_hand.plans.plan import Plan
+
+
+def export(
+    file: Path,
+    /,
+    *,
+    format: Literal["csv", "npz", "ros2"],
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    rate: Annotated[float, Parameter(validator=Number(gt=0, lte=10000))] = 100.0,
+    json: bool = False,
+) -> int:
+    """Write a certified plan for another player: joint names, times, commands (offsets included), rates.
+
+    `ros2` is a trajectory_msgs/JointTrajectory in YAML. Exit status: 0 written, 2 wrong input or not certified.
+
+    ```console
+    $ drake-hand export spin.plan.json --format csv -o spin.csv
+    $ drake-hand export spin.plan.json --format ros2 -o spin.yaml --rate 50
+    ```
+
+    Args:
+        file: the plan file.
+        format: csv, npz or ros2.
+        output: the file to write.
+        rate: samples a second.
+        json: print one JSON object on stdout.
+    """
+    from drake_hand.plans.export import FORMATS, sample
+
+    try:
+        samples = sample(Plan.load(file), rate)
+    except InputError as e:
+        raise InputError(e.message, file=e.file or file, key=e.key, found=e.found, expected=e.expected) from e
+    write_atomic(output, FORMATS[format](samples))
+    answer = {"status": "written", "output": str(output), "samples": len(samples.t), "duration_s": float(samples.t[-1])}
+    if json:
+        print_json(answer | {"joints": list(samples.joints), "format": format})
+    else:
+        print(f"wrote {output}: {len(samples.t)} samples of {len(samples.joints)} joints, {samples.t[-1]:.1f} s")
+    return 0

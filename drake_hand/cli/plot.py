@@ -1,0 +1,57 @@
+"""`drake-hand plot`: a plan, or the record of a run, as figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from drake_hand.plans.plan import Plan
+
+
+def plot(
+    file: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    formats: Annotated[str, Parameter(name="--format")] = "png",
+    gif: Path | None = None,
+) -> None:
+    """Draw a plan as figures for print: those of the paper, and modes, joints, object, contacts, forces, margin.
+
+    All are 85 mm wide. fig11 to fig16 are those of Caurin & Pedro (2009).
+
+    ```console
+    $ drake-hand plot spin.plan.json -o figures
+    $ drake-hand plot spin.plan.json -o figures --format svg,pdf --gif spin.gif
+    $ drake-hand plot spin.run.npz -o figures
+    ```
+
+    Args:
+        file: the plan file, or the record of a run of `execute`.
+        output: the folder for the files.
+        formats: svg, pdf and png, with commas between.
+        gif: also write the plan as a moving picture.
+    """
+    import numpy as np
+
+    from drake_hand.epos import record
+    from drake_hand.model.hand import Hand
+    from drake_hand.view.course import Course
+    from drake_hand.view.figures import draw_plan
+    from drake_hand.view.run_figures import draw_run
+    from drake_hand.view.sketch import write_gif
+
+    kinds = [kind.strip() for kind in formats.split(",")]
+    if file.name.endswith(record.SUFFIX):
+        files = draw_run(record.RunRecord.load(file), output, formats=kinds)
+    else:
+        subject = Plan.load(file)
+        hand = Hand.load(subject.task.hand)
+        files = draw_plan(subject, hand, output, formats=kinds)
+        if gif:
+            write_gif(subject, Course.of(subject, hand, np.linspace(0, subject.duration, 200)), gif)
+            files.append(gif)
+    for written in files:
+        print(f"wrote {written}")

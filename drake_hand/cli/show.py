@@ -1,0 +1,78 @@
+"""`drake-hand show` and `hand show`: a plan, a task or a hand in the browser."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+from drake_hand.cli.output import naming
+from drake_hand.errors import InputError
+from drake_hand.files import bundled, write_atomic
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import SUFFIX, Task
+
+
+def show(file: str, /, *, html: Path | None = None) -> None:
+    """Watch a plan in the browser, or look at a task before there is a plan.
+
+    A plan plays, pauses and scrubs, with the mode and its timeline beside the hand; press ? in the page for its keys.
+    A task shows the object at its start, each step's axis or way, and how far the fingertips reach.
+
+    ```console
+    $ drake-hand show spin.plan.json
+    $ drake-hand show spin.plan.json --html spin.html
+    $ drake-hand show my.task.yaml
+    ```
+
+    Args:
+        file: a plan file, a task file, or the name of a bundled task.
+        html: write a standalone page there instead of serving it.
+    """
+    from drake_hand import api
+
+    with naming(Path(file)):
+        if file in bundled("tasks", SUFFIX) or file.endswith((".yaml", ".yml")):
+            page = str(api.look(Task.load(file)))
+        elif file.endswith(".json") or Path(file).exists():
+            page = str(api.show(Plan.load(file)))
+        else:
+            expected = "a plan (.json), a task (.yaml) or one of: " + ", ".join(bundled("tasks", SUFFIX))
+            raise InputError("nothing to show", file=file, found=file, expected=expected)
+    present(page, Path(file).name, html)
+
+
+def show_hand(hand: str, /, *, html: Path | None = None) -> None:
+    """Look at a hand: a slider per joint, the palm frame, and how far the fingertips reach.
+
+    ```console
+    $ drake-hand hand show kanguera
+    $ drake-hand hand show my.hand.yaml --html hand.html
+    ```
+
+    Args:
+        hand: a bundled name or a hand file.
+        html: write a standalone page there instead of serving it.
+    """
+    from drake_hand import api
+    from drake_hand.model.hand import Hand
+
+    present(str(api.look(Hand.load(hand))), hand, html)
+
+
+def present(page: str, name: str, html: Path | None) -> None:
+    """Writes a page, or serves it and says where, over ssh also how to get there."""
+    if html:
+        write_atomic(html, page)
+        print(f"wrote {html}")
+        return
+    from drake_hand.view.show import serve
+
+    def announce(url: str) -> None:
+        print(f"{name} is at {url} (Ctrl-C ends)", flush=True)
+        if os.environ.get("SSH_CONNECTION"):
+            port = url.rstrip("/").rpartition(":")[2]
+            there = f"{os.environ.get('USER', 'you')}@{socket.gethostname()}"
+            print(f"from your own machine: ssh -L {port}:localhost:{port} {there}, then open {url} there", flush=True)
+
+    serve(page, announce)

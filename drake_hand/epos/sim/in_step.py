@@ -1,0 +1,76 @@
+"""`serve_in_step`: simulated drives whose motors move something, on a clock that waits for it and for the master."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Protocol
+
+import can
+import numpy as np
+
+from drake_hand.epos.clock import SharedClock
+from drake_hand.epos.pdo import SYNC_COB
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.motor import INERTIA
+
+STEP_S = 1e-3
+"""Of the clock, and of what the motors move."""
+GONE_S = 3.0
+"""Seconds of the computer's time after which a SYNC that does not come is waited for no longer: the master is gone."""
+
+
+class World(Protocol):
+    """What the motors move."""
+
+    def advance(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Moves on to time t; the motors stand for joints at q (n,) [rad] with speeds v (n,); torques on them, Nm."""
+
+
+def serve_in_step(
+    simulated: SimulatedDrives, bus: can.BusABC, clock: SharedClock, world: World, stop: threading.Event
+) -> None:
+    """Serves drives on a bus, a step at a time, until `stop`.
+
+    Frames that have arrived act before each step. A period after a SYNC the clock waits for the next, so that neither
+    end can run away from the other; it is never faster than the computer's.
+
+    Args:
+        simulated: booted at time 0 of the clock.
+        bus: theirs.
+        clock: set here.
+        world: what their motors move.
+        stop: ends it.
+    """
+    drives = simulated.drives
+    reduction = np.array([d.direction * d.cable_ratio * d.gear for d in drives.drives])
+    to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / INERTIA
+    period = drives.bus.sync_ms * 1e-3
+    now, synced, since = 0.0, None, time.monotonic()
+    begun = since
+    while not stop.is_set():
+        waiting = synced is not None and now >= synced + period - 1e-9
+        if waiting and time.monotonic() - since > GONE_S:
+            synced, waiting = None, False
+        # frames first; while waiting, for them
+        message = bus.recv(0.01 if waiting else 0)
+        while message is not None:
+            if message.arbitration_id == SYNC_COB:
+                synced, waiting = now, False
+            simulated.step(now, message)
+            message = bus.recv(0)
+        if waiting:
+            continue
+        if (ahead := now + STEP_S - (time.monotonic() - begun)) > 0:
+            time.sleep(ahead)
+        now, since = now + STEP_S, time.monotonic()
+        simulated.pass_time(now)
+        motors = simulated.motors
+        counts = np.array([m.position - m.origin for m in motors])
+        rpm = np.array([m.velocity for m in motors]) / [d.counts_per_turn / 60 for d in drives.drives]
+        torque = world.advance(now, drives.joints_from_counts(counts), drives.rates_from_rpm(rpm))
+        # power is the same on both sides: what a joint is turned by goes back through cables and gear
+        load = -np.linalg.solve(drives.coupling.T, torque) / reduction * to_counts
+        for motor, x in zip(motors, load, strict=True):
+            motor.load = float(x)
+        clock.set(now)

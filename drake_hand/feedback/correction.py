@@ -1,0 +1,267 @@
+"""`Correction`: what is added to a plan's commands so that the object goes where it should, given where it is seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_hand.feedback.kinematics import Followers
+from drake_hand.feedback.pose import PoseSeen
+from drake_hand.feedback.sight import unseen_turns
+from drake_hand.feedback.tube import Tube
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
+
+GRID = 0.01
+"""s between the times at which the plan's kinematics are worked out beforehand."""
+GAIN = 2.0
+"""Share of the object's error that is taken back a second, 1/s."""
+TRUST = 0.1
+"""Share of what a look says anew that is believed at once: what a look is worth at 30 a second and 1 deg of noise."""
+LEARN = 0.075
+"""Share of what a look says anew that is put down to drift, per rad/s of planned turning."""
+MOST_DRIFT = 0.15
+"""Drift believed in at most, per planned turn."""
+_SLOW = 0.2
+"""rad/s below which turning teaches little about drift."""
+FASTEST = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
+"""Twist with which the object is brought back at most, rad/s and m/s."""
+LANDING = 8.0
+"""How fast a free finger goes where it will be needed, 1/s."""
+LOST_S = 0.25
+"""Without a look for as long as this the sensor is lost ..."""
+FADE = 2.0
+"""... and what is done because of it fades, or comes back, at this rate, 1/s."""
+_WEIGHT = np.array([0.02, 0.02, 0.02, 1.0, 1.0, 1.0])
+"""m: a radian of turn counts as much as this displacement where a twist is cut down to what the tube allows."""
+_DIRECTIONS = 4
+"""How often it is cut down before it is dropped."""
+_MEMORY = 128
+"""Ticks for which the estimate is remembered: a look is compared with what was thought when it was taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectionReport:
+    """What a correction did."""
+
+    looks: int
+    """Poses that were used."""
+    saturated_s: float
+    """How long the tube did not allow what would have been needed."""
+    largest_deg: float
+    """Largest correction of a joint."""
+    largest_mm: float
+    """Largest displacement of a fingertip."""
+    lost_s: float
+    """How long there was no sensor."""
+
+
+class Correction:
+    """Corrects a plan while it is played. Deterministic; bounded in time and memory; called once a tick.
+
+    The error of the object, a twist from where it is planned to where it is, is estimated from what is seen, from what
+    was done about it, and from how much it drifts per planned turn: tips that roll on yielding pads turn an object by a
+    few per cent too much or too little. While the fingers hold the object they roll it back through their contacts, as
+    the plan itself moves it; forces stay those planned. A free finger is set down where the object is. All within the
+    plan's :class:`Tube`; what that does not allow now is left for the next regrasp.
+    """
+
+    def __init__(self, plan: Plan, hand: Hand, object_: Object) -> None:
+        """Works out what can be known beforehand.
+
+        Args:
+            plan: certified.
+            hand: it was made for.
+            object_: likewise.
+
+        Raises:
+            InputError: the plan is not certified, or never holds the object.
+        """
+        self._follow = Followers.of(plan, hand, object_, step=GRID)
+        self._tube = Tube.of(plan, hand)
+        grid = self._follow
+        self._held = np.zeros(len(grid.t), dtype=bool)
+        for start, end in hold_windows(plan):
+            self._held |= (grid.t >= start) & (grid.t <= end)
+        planned = Trajectory(plan).at(grid.t)
+        self._speed, self._turning = np.maximum(hand.speed - np.abs(planned.v), 0.0), planned.V_WO[:, :3]
+        self._drift = 0.0
+        self._first = np.array([finger.columns[0] for finger in hand.fingers])
+        self._count = [len(finger.columns) for finger in hand.fingers]
+        self._touching = np.abs(grid.roll).any(axis=2)
+        unseen = unseen_turns(object_)
+        self._seen_O = np.eye(3) - unseen.T @ unseen
+        self._p_OM = np.linalg.solve(grid.X_WO[0], np.append(grid.p_WM[0], 1.0))[:3]
+        self._dq, self._error = np.zeros(hand.nq), np.zeros(6)
+        self._times, self._thought = np.full(_MEMORY, -np.inf), np.zeros((_MEMORY, 6))
+        self._tick, self._last, self._last_look, self._believed = 0, 0.0, -np.inf, 0.0
+        self._since = 0
+        self._looks, self._saturated_s, self._lost_s, self._largest, self._reached = 0, 0.0, 0.0, 0.0, 0.0
+
+    def step(self, t: float, seen: PoseSeen | None) -> np.ndarray:
+        """What to add to the commands at time t.
+
+        Args:
+            t: now, s from the start of the plan; must not decrease.
+            seen: what came from the sensor since the last call, if anything did.
+
+        Returns:
+            (nq,) rad, to be added to q + q_offset.
+        """
+        dt = min(max(t - self._last, 0.0), 0.1)
+        self._last = t
+        row = self._row(t)
+        if seen is not None:
+            self._learn(t, seen)
+        lost = t - self._last_look > LOST_S
+        self._lost_s += dt * lost
+        self._believed = float(np.clip(self._believed + (-FADE if lost else FADE) * dt, 0.0, 1.0))
+        if not self._believed:
+            self._error = np.zeros(6)  # what was seen before the sensor was lost says nothing any more
+        error, drifts = self._believed * self._within(row), np.zeros(6)
+        moved, before = np.zeros(6), self._dq
+        if self._held[row]:
+            drifts[:3] = self._drift * self._turning[row]
+            moved = np.clip(-GAIN * error - self._believed * drifts, -FASTEST, FASTEST) * dt
+        wanted, moved = self._hold(row, moved, dt)
+        self._error = self._error + moved + drifts * dt
+        wanted = self._land(row, error, wanted, dt)
+        self._dq = np.clip(wanted, *self._tube.limits[:, self._follow.part[row]])
+        self._note(row, before)
+        slot = self._tick % _MEMORY
+        self._times[slot], self._thought[slot] = t, self._error
+        self._tick += 1
+        return self._dq.copy()
+
+    @property
+    def error(self) -> np.ndarray:
+        """(6,) estimated twist from the planned to the true pose: rotation, then displacement of the centre, in W."""
+        return self._error.copy()
+
+    @property
+    def report(self) -> CorrectionReport:
+        """What it did so far."""
+        return CorrectionReport(
+            looks=self._looks,
+            saturated_s=round(float(self._saturated_s), 3),
+            largest_deg=float(np.degrees(self._largest)),
+            largest_mm=self._reached * 1e3,
+            lost_s=round(float(self._lost_s), 3),
+        )
+
+    def _row(self, t: float) -> int:
+        return int(min(max(round(t / GRID), 0), len(self._follow.t) - 1))
+
+    def _learn(self, t: float, seen: PoseSeen) -> None:
+        """Takes in a look: compares it with the plan, and with what was thought, when it was taken."""
+        slot = int(np.argmin(np.abs(self._times - seen.t)))
+        if self._tick and abs(self._times[slot] - seen.t) > 2 * GRID and seen.t < self._times[slot]:
+            return  # older than memory goes back
+        row = self._row(seen.t)
+        X, R_WO = seen.X_WO, self._follow.X_WO[row, :3, :3]
+        turn = R_WO.T @ _rotation_vector(X[:3, :3] @ R_WO.T)
+        turn = R_WO @ (self._seen_O @ turn)
+        shift = X[:3, :3] @ self._p_OM + X[:3, 3] - self._follow.p_WM[row]
+        news = np.concatenate([turn, shift]) - (self._thought[slot] if self._tick else 0.0)
+        if not self._believed:
+            self._error, self._since = np.zeros(6), 0
+        self._since += 1
+        share = max(TRUST, 1 / self._since)  # the mean of the first looks
+        self._error = self._error + share * news
+        self._thought += share * news
+        if self._held[row]:
+            w = self._turning[row]
+            learnt = self._drift + LEARN * (news[:3] @ w) / (w @ w + _SLOW**2)
+            self._drift = float(np.clip(learnt, -MOST_DRIFT, MOST_DRIFT))
+        self._looks, self._last_look = self._looks + 1, t
+
+    def _within(self, row: int) -> np.ndarray:
+        """The error as far as it is corrected in this part."""
+        most = self._tube.turn[self._follow.part[row]]
+        size = float(np.linalg.norm(self._error[:3]))
+        shrink = min(1.0, most / size) if size > 0 else 1.0
+        return np.concatenate([shrink * self._error[:3], self._error[3:]])
+
+    def _hold(self, row: int, moved: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Fingers that touch carry the object along a small twist, or along what of it the tube allows.
+
+        Returns:
+            The correction (nq,) and the twist (6,) that it stands for.
+        """
+        if not moved.any():
+            return self._dq, moved
+        roll, held_back = self._follow.roll[row], False
+        fastest = float(np.max(np.abs(roll @ moved) / np.maximum(self._speed[row] * dt, 1e-9)))
+        moved = moved / max(fastest, 1.0)
+        for _ in range(_DIRECTIONS):
+            against = self._against(row, self._dq + roll @ moved, roll @ moved)
+            if not len(against):
+                break
+            held_back = True
+            for normal in against:  # the twist loses what goes against this bound, turns weighed by the reach of a hand
+                scaled = normal / _WEIGHT
+                over = float(normal @ moved)
+                if over > 0:
+                    moved = moved - scaled / _WEIGHT * over / float(scaled @ scaled)
+        else:
+            moved = np.zeros(6)
+        self._saturated_s += dt * held_back
+        return self._dq + roll @ moved, moved
+
+    def _against(self, row: int, goes: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """(m, 6) what twists must not go along: bounds that a step of fingers that touch would cross, or cross further.
+
+        A joint that is outside already, from a part with more room, may come back.
+        """
+        roll, on = self._follow.roll[row], self._touching[row]
+        lower, upper = self._bounds(row)
+        rows = [roll[on & (goes > upper) & (step > 0)], -roll[on & (goes < lower) & (step < 0)]]
+        tips = self._follow.tips[row] * on
+        there = (tips @ goes).reshape(-1, 3)
+        far = np.linalg.norm(there, axis=1)
+        out = far > self._tube.reach
+        if out.any():
+            outward = (there / np.maximum(far, 1e-9)[:, None])[out]
+            moves = (tips @ roll).reshape(-1, 3, 6)[out]
+            along = np.einsum("ni,nij->nj", outward, moves)
+            rows.append(along[np.einsum("ni,ni->n", outward, (tips @ step).reshape(-1, 3)[out]) > 0])
+        return np.concatenate(rows)
+
+    def _land(self, row: int, error: np.ndarray, dq: np.ndarray, dt: float) -> np.ndarray:
+        """Fingers that are about to take hold go where the object is, each as far as the tube lets it."""
+        free = self._follow.landing[row]
+        if not free.any():
+            return dq
+        target = self._follow.place[row] @ error
+        lower, upper = self._bounds(row)
+        room = np.where(target > 0, upper, -lower) / np.maximum(np.abs(target), 1e-9)
+        far = np.linalg.norm((self._follow.tips[row] @ target).reshape(-1, 3), axis=1)
+        share = np.minimum(np.minimum.reduceat(room, self._first), self._tube.reach / np.maximum(far, 1e-9))
+        share = np.repeat(np.minimum(share, 1.0), self._count)
+        if np.any((share < 1.0) & (free > 0)):
+            self._saturated_s += dt
+        most = self._speed[row] * dt
+        return dq + np.clip(free * (1 - np.exp(-LANDING * dt)) * (share * target - dq), -most, most)
+
+    def _bounds(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        part = self._follow.part[row]
+        return self._tube.lower[part], self._tube.upper[part]
+
+    def _note(self, row: int, before: np.ndarray) -> None:
+        if self._dq is before:
+            return
+        self._largest = max(self._largest, float(np.abs(self._dq).max()))
+        tips = (self._follow.tips[row] @ self._dq).reshape(-1, 3)
+        self._reached = max(self._reached, float(np.linalg.norm(tips, axis=1).max()))
+
+
+def _rotation_vector(R: np.ndarray) -> np.ndarray:
+    """(3,) of a rotation matrix well short of half a turn; several times quicker than scipy's for one."""
+    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    s = math.sqrt(v @ v)
+    return v if s < 1e-9 else v * (math.atan2(s, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)) / s)

@@ -1,0 +1,165 @@
+"""`MujocoPhysics`: the hand with servos and soft fingertips and the free object, in MuJoCo: a second opinion."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.spatial.transform import Rotation
+
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.physics.engine import Perturbation, Touch
+from drake_hand.physics.mujoco_model import OBJECT, STEP, build, tip_shapes
+
+_HELD = 1.0e6
+"""Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
+
+
+class MujocoPhysics:
+    """One simulation, as :class:`drake_hand.physics.simulation.Physics` is one in Drake.
+
+    A fingertip touches in a point, its pad a spring and damper in parallel.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        object_: Object,
+        commands: PiecewisePolynomial,
+        X_WO: np.ndarray,
+        *,
+        gravity: np.ndarray,
+        friction: float,
+        pad_stiffness: np.ndarray,
+        perturbation: Perturbation | None = None,
+    ) -> None:
+        """Builds the simulation, the object held at its start pose.
+
+        Args:
+            hand: with servo gains, efforts and pad.
+            object_: of the mass planned with.
+            commands: (nq,) commanded joints over time; the simulation starts where they start.
+            X_WO: (4, 4) start pose.
+            gravity: (3,) in W, m/s^2.
+            friction: between tip and object.
+            pad_stiffness: (fingers,) of the pads as they are in this run, N/m.
+            perturbation: what differs from all this.
+        """
+        change = perturbation or Perturbation()
+        self.hand = hand
+        spec = build(
+            hand,
+            object_.with_mass(object_.mass * change.mass),
+            gravity=gravity,
+            friction=friction * change.friction,
+            pad_stiffness=pad_stiffness,
+            relaxation=hand.pad.relaxation_time_s,
+        )
+        self.model = model = spec.compile()
+        model.actuator_gainprm[:, 0] *= change.stiffness
+        model.actuator_biasprm[:, 1] *= change.stiffness
+        self.data = mujoco.MjData(model)
+        times = np.arange(commands.start_time(), commands.end_time(), STEP)
+        # A servo of MuJoCo's is told no speed; this much more of position makes its damping follow the command's.
+        lead = (hand.damping / (hand.stiffness * change.stiffness))[:, None]
+        rates = commands.MakeDerivative().vector_values(times)
+        self._ctrl = (commands.vector_values(times) + lead * rates).T.copy()
+        self._start, self._done = commands.start_time(), 0
+        self._dq = np.zeros(hand.nq)
+        self._columns = np.array([model.joint(name).qposadr[0] for name in hand.joints])
+        thing = model.joint(OBJECT)
+        self._pose, self._dofs = (
+            slice(thing.qposadr[0], thing.qposadr[0] + 7),
+            slice(thing.dofadr[0], thing.dofadr[0] + 6),
+        )
+        self._M0 = model.dof_M0[self._dofs].copy()
+        self._body = model.body(OBJECT).id
+        self._finger = {model.geom(name).id: i for i, name in enumerate(tip_shapes(hand))}
+        self._tips = [model.body(finger.tip_link).id for finger in hand.fingers]
+        self._set(commands.value(commands.start_time())[:, 0], change.start(X_WO))
+        self.take_back()
+        mujoco.mj_forward(model, self.data)
+
+    def let_go(self) -> None:
+        """Takes the fixture away."""
+        self._weigh(0.0)
+
+    def take_back(self) -> None:
+        """Has the fixture hold the object again, where it is."""
+        self._weigh(_HELD)
+        self.data.qvel[self._dofs] = 0.0
+
+    def advance(self, t: float) -> None:
+        """Simulates up to time t, s.
+
+        Raises:
+            RuntimeError: the simulation became unstable.
+        """
+        until = round((t - self._start) / STEP)
+        for k in range(self._done, until):
+            self.data.ctrl[:] = self._ctrl[min(k, len(self._ctrl) - 1)] + self._dq
+            mujoco.mj_step(self.model, self.data)
+        self._done = max(until, self._done)
+        if self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(self.data.qpos).all():
+            raise RuntimeError("MuJoCo became unstable")
+
+    def correct(self, dq: np.ndarray) -> None:
+        """Adds dq (nq,) to the commands from now on."""
+        self._dq = dq
+
+    @property
+    def q(self) -> np.ndarray:
+        """(nq,) joints now, rad."""
+        return self.data.qpos[self._columns].copy()
+
+    @property
+    def X_WO(self) -> np.ndarray:
+        """(4, 4) object pose now."""
+        pose, X, R = self.data.qpos[self._pose], np.eye(4), np.zeros(9)
+        mujoco.mju_quat2Mat(R, pose[3:])
+        X[:3, :3], X[:3, 3] = R.reshape(3, 3), pose[:3]
+        return X
+
+    def touch(self) -> Touch:
+        """Contacts, as they were in the last step."""
+        n, contact = len(self._tips), self.data.contact
+        f, p, slip, strays = np.zeros((n, 3)), np.full((n, 3), np.nan), np.zeros((n, 3)), set()
+        first = contact.efc_address
+        pressed = np.flatnonzero(
+            (first >= 0) & (self.data.efc_force[np.maximum(first, 0)] > 0) if len(first) else first
+        )
+        for i in pressed:
+            a, b = geoms = contact.geom[i]
+            bodies = self.model.geom_bodyid[geoms]
+            finger = self._finger.get(a, self._finger.get(b))
+            if finger is None or self._body not in bodies:
+                strays.add(" - ".join(sorted(self.model.body(body).name for body in bodies)))
+                continue
+            frame, pos = contact.frame[i].reshape(3, 3), contact.pos[i]
+            force = self.data.efc_force[first[i] : first[i] + 3] @ frame
+            f[finger] = (
+                force if bodies[1] == self._body else -force
+            )  # the frame's x points from the first to the second
+            p[finger] = pos
+            v = self._velocity(self._tips[finger], pos) - self._velocity(self._body, pos)
+            slip[finger] = v - frame[0] * (frame[0] @ v)
+        return Touch(f_W=f, p_W=p, slip_W=slip, strays=tuple(sorted(strays)))
+
+    def _weigh(self, inertia: float) -> None:
+        """Adds inertia to the object; MuJoCo keeps that of a body whose axes are its frame's in a place of its own."""
+        self.model.dof_armature[self._dofs] = inertia
+        self.model.dof_M0[self._dofs] = self._M0 + inertia
+
+    def _velocity(self, body: int, p_W: np.ndarray) -> np.ndarray:
+        """Of a body's material at a point; MuJoCo keeps velocities at the mass centre of the whole tree."""
+        w, v = self.data.cvel[body].reshape(2, 3)
+        x, y, z = p_W - self.data.subtree_com[self.model.body_rootid[body]]
+        return v + np.array([w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x])
+
+    def _set(self, q: np.ndarray, X_WO: np.ndarray) -> None:
+        for finger in self.hand.fingers:
+            for axis in finger.axes:
+                adr = self.model.joint(axis.joint).qposadr[0]
+                self.data.qpos[adr] = axis.multiplier * q[finger.columns[axis.source]] + axis.offset
+        self.data.qpos[self._pose] = [*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)]

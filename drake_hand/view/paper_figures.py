@@ -1,0 +1,201 @@
+"""The figures of Caurin & Pedro (2009), from a plan of our own; the contact map beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from drake_hand.modes.code import Mode
+from drake_hand.modes.graph import layout
+from drake_hand.plans.plan import Plan
+from drake_hand.view.colors import finger_color
+from drake_hand.view.course import Course, turned
+from drake_hand.view.sketch import Sketch
+from drake_hand.view.style import bent_arrow, column
+
+_VISITED = "#d55e00"
+FRAMES = 4
+
+
+def draw_automaton(plan: Plan) -> Figure:
+    """All modes, a ring per number of fingers in contact, and the way of the plan through them (Fig. 11)."""
+    figure = column(85)
+    ax = figure.subplots()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    places, radii = layout(len(plan.fingers))
+    points = np.array(list(places.values()))
+    ax.plot(points[:, 0], points[:, 1], ".", ms=2.2, color="0.72")
+    for k, radius in enumerate(radii[1:], start=1):
+        at = radius * np.array([np.cos(4.0), np.sin(4.0)])
+        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
+        ax.text(at[0], at[1], str(k), ha="center", va="center", fontsize=6, color="0.35", bbox=box, zorder=1)
+    for before, after in sorted(set(_changes(plan))):
+        a, b = places[Mode.parse(before, plan.fingers)], places[Mode.parse(after, plan.fingers)]
+        bent_arrow(ax, a, b, color=_VISITED, bend=0.12, clear=3)
+    for code in dict.fromkeys(plan.modes):
+        x, y = places[Mode.parse(code, plan.fingers)]
+        ax.plot(x, y, "o", ms=3.5, color=_VISITED)
+        ax.annotate(code, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=6, family="monospace")
+    ax.set_title(f"{len(places)} modes; rings: fingers in contact; in colour: the way of the plan", fontsize=6.5)
+    return figure
+
+
+def draw_coordination(plan: Plan, course: Course) -> Figure:
+    """Which finger is active over the object's angle (Fig. 12); over time where the object does not turn."""
+    s = course.states
+    angle, _ = turned(s)
+    over, label = (
+        (angle, "object angle [deg]; a line is a regrasp while it rests") if angle.any() else (s.t, "time [s]")
+    )
+    figure = column(12 + 8 * len(plan.fingers))
+    axes = list(figure.subplots(len(plan.fingers), 1, sharex=True, squeeze=False)[::-1, 0])
+    active = np.array([[c != "0" for c in part.mode] for part in plan.parts], dtype=float)[s.part]
+    for i, (name, ax) in enumerate(zip(plan.fingers, axes, strict=True)):
+        ax.fill_between(over, 0, active[:, i], step="post", color=finger_color(i), alpha=0.25, lw=0)
+        ax.plot(over, active[:, i], drawstyle="steps-post", color=finger_color(i))
+        ax.set_ylim(-0.1, 1.25)
+        ax.set_yticks([0, 1], ["free", "active"])
+        ax.set_title(name, loc="left", pad=2)
+        ax.set_xlim(over[0], over[-1])
+    axes[0].set_xlabel(label)
+    return figure
+
+
+def draw_states(plan: Plan) -> Figure:
+    """The modes a plan goes through and the events between them (Fig. 13); A is the one without contact."""
+    visited = sorted(dict.fromkeys(plan.modes), key=lambda c: c.strip("0") != "")
+    hub = max(visited, key=lambda c: len({b for a, b in _changes(plan) if a == c}))
+    around = [c for c in visited if c != hub]
+    places = {hub: np.zeros(2)}
+    for i, code in enumerate(around):
+        angle = np.pi / 2 + 2 * np.pi * i / len(around)
+        places[code] = np.array([np.cos(angle), np.sin(angle)])
+    figure = column(85)
+    ax = figure.subplots()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.set_xlim(-1.35, 1.35)
+    ax.set_ylim(-1.3, 1.3)
+    for (before, after), events in _events(plan).items():
+        a, b = places[before], places[after]
+        bent_arrow(ax, a, b, color="0.25", bend=0.18, clear=15)
+        across = np.array([(b - a)[1], -(b - a)[0]])
+        at = (a + b) / 2 + 0.16 * across
+        turn = np.degrees(np.arctan2(*(b - a)[::-1]))
+        turn = turn - 180 * np.round(turn / 180)
+        words = events[0] if len(events) == 1 else f"{events[0].split()[0]} {len(events)} fingers"
+        ax.text(at[0], at[1], words, fontsize=5.5, ha="center", va="center", rotation=turn, color="0.25")
+    for i, code in enumerate(visited):
+        box = {"boxstyle": "circle,pad=0.35", "facecolor": "#eaf2fb", "edgecolor": "#0072b2", "linewidth": 0.8}
+        letter = chr(ord("A") + i) if i < 26 else str(i)
+        ax.text(
+            places[code][0],
+            places[code][1],
+            f"{letter}\n{code}",
+            ha="center",
+            va="center",
+            fontsize=6.5,
+            family="monospace",
+            bbox=box,
+        )
+    return figure
+
+
+def draw_frames(plan: Plan, course: Course) -> Figure:
+    """Hand and object at four instants: before the grasp, in the first grasp, in a regrasp, at the end (Fig. 14)."""
+    touching = [len(p.mode) - p.mode.count("0") for p in plan.parts]
+    grasped = int(np.argmax(np.array(touching) > 0))
+    again = [i for i in range(grasped + 1, len(plan.parts)) if touching[i] < max(touching)]
+    regrasp = plan.parts[again[len(again) // 2]] if again else plan.parts[-1]
+    times = [0.0, plan.parts[grasped].t[0], (regrasp.t[0] + regrasp.t[-1]) / 2, plan.duration]
+    sketch = Sketch(plan, course)
+    figure = column(80)
+    for ax, t, number in zip(figure.subplots(2, 2).ravel(), times, ("I", "II", "III", "IV"), strict=True):
+        sketch.draw(ax, t)
+        mode = plan.parts[int(plan.at(t).part[0])].mode
+        ax.set_title(f"{number}   {t:.1f} s   {mode}", loc="left", pad=1)
+    return figure
+
+
+def draw_path(plan: Plan, course: Course, finger: str = "") -> Figure:
+    """The spatial path of a fingertip, with the points where it lets go and takes hold again (Fig. 15)."""
+    i = _finger(plan, finger)
+    figure = column(72)
+    ax = figure.add_subplot(projection="3d")
+    p = 1e3 * course.p_WC[:, i]
+    held = np.isfinite(course.gap[:, i])
+    for rows, color, label in ((held, finger_color(i), "in contact"), (~held, "0.6", "free")):
+        ax.plot(*np.where(rows[:, None], p, np.nan).T, color=color, lw=1.1, label=label)
+    change = np.flatnonzero(np.diff(held.astype(int)))
+    for sign, marker, label in ((-1, "v", "lets go"), (1, "^", "takes hold")):
+        at = change[np.diff(held.astype(int))[change] == sign]
+        ax.plot(*p[at].T, marker, ms=3.5, color="#d55e00" if sign < 0 else "#009e73", label=label, ls="none")
+    for name, set_label in zip("xyz", (ax.set_xlabel, ax.set_ylabel, ax.set_zlabel), strict=True):
+        set_label(f"{name} [mm]", labelpad=-7)
+    ax.tick_params(pad=-3)
+    ax.locator_params(nbins=4)
+    ax.set_title(f"tip of the {plan.fingers[i]} finger")
+    ax.legend(loc="upper left", bbox_to_anchor=(-0.12, 1.0))
+    return figure
+
+
+def draw_velocity(plan: Plan, course: Course, finger: str = "") -> Figure:
+    """Speed of a fingertip over the longest stretch in which it pushes the object on (Fig. 16)."""
+    i = _finger(plan, finger)
+    s = course.states
+    moving = np.linalg.norm(s.V_WO, axis=1) > 1e-6
+    pushing = np.isfinite(course.gap[:, i]) & moving
+    edges = np.flatnonzero(np.diff(np.r_[False, pushing, False]))
+    stretches = list(zip(edges[::2], edges[1::2], strict=True))
+    a, b = max(stretches, key=lambda ab: ab[1] - ab[0]) if stretches else (0, len(s.t))
+    a, b = max(a - 5, 0), min(b + 5, len(s.t))
+    speed = 1e3 * np.linalg.norm(np.gradient(course.p_WC[:, i], s.t, axis=0), axis=1)
+    figure = column(45)
+    ax = figure.subplots()
+    ax.plot(s.t[a:b], speed[a:b], color=finger_color(i))
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("speed of the tip [mm/s]")
+    ax.set_title(f"{plan.fingers[i]} finger pushing the object", loc="left")
+    return figure
+
+
+def draw_contact_map(plan: Plan, course: Course) -> Figure:
+    """Where each finger touched the object, unrolled: along its long axis, and around it; lines where contacts roll."""
+    p = course.states.p_OP
+    known = p[np.isfinite(p).all(axis=2)]
+    figure = column(62)
+    ax = figure.subplots()
+    along = int(np.argmax(np.ptp(known, axis=0))) if len(known) else 2
+    u, v = (along + 1) % 3, (along + 2) % 3
+    for i, name in enumerate(plan.fingers):
+        angle = np.degrees(np.arctan2(p[:, i, v], p[:, i, u]))
+        wrapped = np.abs(np.diff(angle, prepend=angle[:1])) > 180
+        ax.plot(1e3 * p[:, i, along], np.where(wrapped, np.nan, angle), color=finger_color(i), lw=1.6, label=name)
+        first = np.flatnonzero(np.isfinite(angle) & ~np.isfinite(np.r_[np.nan, angle[:-1]]))
+        ax.plot(1e3 * p[first, i, along], angle[first], "o", ms=3, mfc="white", color=finger_color(i))
+    ax.set_ylim(-180, 180)
+    ax.set_yticks(range(-180, 181, 90))
+    ax.set_title("a ring is where a finger takes hold", loc="left")
+    ax.set_xlabel(f"along {'xyz'[along]} of the object [mm]")
+    ax.set_ylabel(f"around {'xyz'[along]} [deg]")
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, handlelength=1.2, columnspacing=1.2)
+    return figure
+
+
+def _finger(plan: Plan, name: str) -> int:
+    """The finger asked for; else the middle finger, as in the paper, or the first one that touches."""
+    used = [f for i, f in enumerate(plan.fingers) if any(c[i] != "0" for c in plan.modes)]
+    return plan.fingers.index(name or ("middle" if "middle" in used else (used or plan.fingers)[0]))
+
+
+def _changes(plan: Plan) -> list[tuple[str, str]]:
+    return [(a, b) for a, b in zip(plan.modes, plan.modes[1:], strict=False) if a != b]
+
+
+def _events(plan: Plan) -> dict[tuple[str, str], list[str]]:
+    """Events by the modes before and after them."""
+    pairs = zip(plan.parts, plan.parts[1:], strict=False)
+    return {(a.mode, b.mode): b.events for a, b in pairs if a.mode != b.mode and b.events}

@@ -1,0 +1,98 @@
+"""One look for all figures: a column of 85 mm, readable there, colour-blind safe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
+
+from drake_hand.plans.plan import Plan
+
+WIDTH_MM = 85.0
+"""Of a column in print."""
+FORMATS = ("svg", "pdf", "png")
+_DPI = 300
+_RC: dict[Any, Any] = {
+    "font.size": 7,
+    "axes.titlesize": 7,
+    "axes.labelsize": 7,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "lines.linewidth": 0.9,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.hashsalt": "drake_hand",
+}
+
+
+@contextmanager
+def in_print() -> Iterator[None]:
+    """Draws what is drawn inside in print style."""
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+def column(height_mm: float) -> Figure:
+    """An empty figure as wide as a column."""
+    return Figure(figsize=(WIDTH_MM / 25.4, height_mm / 25.4), layout="constrained")
+
+
+def panels(height_mm: float, rows: int) -> tuple[Figure, list[Axes]]:
+    """A column of panels over a common time axis."""
+    figure = column(height_mm)
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    axes[-1].set_xlabel("time [s]")
+    return figure, axes
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """Writes a figure in some formats; returns the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"{name}.{suffix}" for suffix in formats]
+    for file in files:
+        dateless = {} if file.suffix == ".png" else {"Date" if file.suffix == ".svg" else "CreationDate": None}
+        figure.savefig(file, dpi=_DPI, metadata=dateless)
+    return files
+
+
+def mark_switches(ax: Axes, plan: Plan) -> None:
+    """Thin lines where the mode changes."""
+    for part in plan.parts[1:]:
+        if part.events:
+            ax.axvline(part.t[0], color="0.88", lw=0.5, zorder=0)
+    ax.set_xlim(0, plan.duration)
+
+
+def legend_below(figure: Figure, ax: Axes, columns: int = 5) -> None:
+    """The legend of some axes, under the figure."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, columnspacing=1.2, handlelength=1.4)
+
+
+def bent_arrow(ax: Axes, a: np.ndarray, b: np.ndarray, *, color: str, bend: float, clear: float) -> None:
+    """An arrow from a to b (2,) in data units, bent to the left, its ends `clear` points away."""
+    ax.add_patch(
+        FancyArrowPatch(
+            (float(a[0]), float(a[1])),
+            (float(b[0]), float(b[1])),
+            arrowstyle="-|>",
+            mutation_scale=6,
+            lw=0.8,
+            color=color,
+            connectionstyle=f"arc3,rad={bend}",
+            shrinkA=clear,
+            shrinkB=clear,
+        )
+    )

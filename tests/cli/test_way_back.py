@@ -1,0 +1,109 @@
+"""Back from a stop in mid-plan: by a way from where the hand is, or with a refusal that says what would fall."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from drake_hand.cli import run
+from drake_hand.cli.drives_way import way
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.sim.process import spawn_simulated_drives
+from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.plans.holds import may_hold
+from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
+from drake_hand.verify.way import certify_way
+
+KANGUERA, HAND = Drives.load(), Hand.load()
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory) -> Path:
+    from drake_hand.api import plan
+
+    file = tmp_path_factory.mktemp("plans") / "carry.plan.json"
+    plan("carry").save(file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def trajectory(plan) -> Trajectory:
+    return Trajectory(Plan.load(plan))
+
+
+def test_the_posture_tells_whether_the_fingers_may_hold_the_object(trajectory):
+    plan, noise = trajectory.plan, np.radians(1.0) * np.random.default_rng(0).uniform(-1, 1, 15)
+    middle = trajectory.at(plan.duration / 2)
+    for q in (middle.q[0], middle.q_command[0]):
+        assert may_hold(plan, plan.joints, q + noise) is not None
+    assert may_hold(plan, plan.joints, trajectory.at(0.0).q[0]) is None
+    assert may_hold(plan, plan.joints, HAND.q_home) is None
+
+
+def test_a_way_is_proved_by_code_of_its_own(trajectory):
+    """Other ends than asked for, a finger through its neighbour, a joint out of bounds or too fast: each is found."""
+    start = trajectory.at(trajectory.plan.duration / 2).q[0]
+    found = way("kanguera", HAND.joints, start)
+    scene = Scene(HAND, Object.load("sphere"))
+    assert certify_way(found, scene, start, HAND.q_home).certified
+
+    beyond = HAND.q_home.copy()
+    beyond[1] = HAND.q_lower[1] - 0.003  # two counts, on the way back
+    assert certify_way(way("kanguera", HAND.joints, beyond), scene, beyond, HAND.q_home).certified
+
+    def failures(plan, q=start, goal=HAND.q_home):
+        return " ".join(certify_way(plan, scene, q, goal).failures)
+
+    assert "start_deg" in failures(found, q=start + 0.01)
+    assert "goal_deg" in failures(found, goal=HAND.q_home + 0.01)
+    part = found.parts[0]
+    stretched = np.array(part.t) / 4
+    fast = msgspec.structs.replace(part, t=stretched.tolist(), v=(4 * np.array(part.v)).tolist())
+    assert "speed_ratio" in failures(msgspec.structs.replace(found, parts=[fast]))
+    crossed = np.array(part.q)
+    middle = len(crossed) // 2
+    crossed[middle, HAND.joints.index("index_abduction")] = HAND.q_lower[HAND.joints.index("index_abduction")]
+    crossed[middle, HAND.joints.index("middle_abduction")] = HAND.q_upper[HAND.joints.index("middle_abduction")]
+    assert "penetration_mm" in failures(
+        msgspec.structs.replace(found, parts=[msgspec.structs.replace(part, q=crossed.tolist())])
+    )
+    crossed[middle] = HAND.q_upper + 0.1
+    assert "limit_margin_rad" in failures(
+        msgspec.structs.replace(found, parts=[msgspec.structs.replace(part, q=crossed.tolist())])
+    )
+
+
+def test_where_the_object_stands_in_the_way_there_is_none(plan, trajectory):
+    start = trajectory.at(trajectory.plan.duration / 2).q[0]
+    with pytest.raises(NoPlanFound, match="from the object"):
+        way("kanguera", HAND.joints, start, plan=plan, object_there=True)
+
+
+def test_from_mid_plan_home_and_back_to_its_start(plan, trajectory, capsys):
+    stopped = trajectory.at(trajectory.plan.duration / 2).q_command[0][KANGUERA.columns(HAND.joints)]
+
+    def answer(*tokens):
+        status = run([*tokens, "--drives", "kanguera", "--yes", "--json", *bus])
+        return status, json.loads(capsys.readouterr().out)
+
+    def where():
+        assert run(["drives", "status", "--drives", "kanguera", "--json", *bus]) == 0
+        return np.array([d["position_deg"] for d in json.loads(capsys.readouterr().out)["drives"]])
+
+    with spawn_simulated_drives(KANGUERA, q=stopped) as spawned:
+        bus = ["--interface", spawned.interface, "--channel", spawned.channel]
+        status, found = answer("execute", str(plan), "--from-here")
+        assert (status, found["ok"], found["disabled"]) == (1, False, True)
+        assert "--open lets it fall" in found["problems"][0]
+        status, found = answer("drives", "home")
+        assert (status, found["ok"], found["drives"], found["disabled"]) == (0, True, 15, True)
+        assert where() == pytest.approx(np.degrees(HAND.q_home), abs=0.5)
+        status, found = answer("drives", "goto", str(plan))
+        assert (status, found["ok"], found["disabled"]) == (0, True, True)
+        assert where() == pytest.approx(np.degrees(trajectory.at(0.0).q_command[0]), abs=0.5)

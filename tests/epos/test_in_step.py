@@ -1,0 +1,131 @@
+"""Master and drives on one clock, which waits for both; what the motors move pushes back."""
+
+import threading
+import time
+from contextlib import contextmanager
+
+import can
+import numpy as np
+import pytest
+from fault_table import drives_of
+from swing import swing
+
+from drake_hand.epos.clock import SharedClock
+from drake_hand.epos.executor import execute
+from drake_hand.epos.person import Person
+from drake_hand.epos.schedule import Excerpt
+from drake_hand.epos.sim import in_step as in_step_module
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.in_step import serve_in_step
+from drake_hand.epos.state import State
+
+
+class Springs:
+    """Joints that hang on their motors by springs and are pushed; as slow to compute as it is told."""
+
+    def __init__(self, push=0.0, slow_s=0.0):
+        self.push, self.slow_s, self.t, self.q, self.stiffness = push, slow_s, [], [], 3.0
+
+    def advance(self, t, q, v):
+        time.sleep(self.slow_s)
+        self.t.append(t)
+        self.q.append(q.copy())
+        return np.full(len(q), -self.push)  # the joint rests: its spring carries what pushes it
+
+
+@contextmanager
+def in_step(drives, world, tmp_path, channel):
+    clock, stop = SharedClock.create(tmp_path / "clock"), threading.Event()
+    with (
+        can.Bus(interface="virtual", channel=channel) as ours,
+        can.Bus(interface="virtual", channel=channel) as theirs,
+    ):
+        sim = SimulatedDrives(theirs, drives)
+        sim.boot(0.0)
+        thread = threading.Thread(target=serve_in_step, args=(sim, theirs, clock, world, stop))
+        thread.start()
+        try:
+            yield ours, sim, clock
+        finally:
+            stop.set()
+            thread.join()
+            sim.stop()
+
+
+@pytest.mark.parametrize("slow_s", [0.0, 0.004])
+def test_however_slow_the_world_is_no_sync_is_late(slow_s, tmp_path):
+    """EPOS4 and EPOS 24/1 among the drives, which a late SYNC stops; a step of the world takes four of its own."""
+    drives, world = drives_of("mix"), Springs(slow_s=slow_s)
+    with in_step(drives, world, tmp_path, f"step{slow_s}") as (bus, sim, clock):
+        begun, at = time.monotonic(), clock.now()
+        answer = execute(swing(drives.joints, 0.6), drives, bus, clock=clock).answer()
+        took, passed = time.monotonic() - begun, clock.now() - at
+        assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+        assert clock.plan_time == pytest.approx(0.6)
+    assert (answer["ok"], answer["faults"], answer["start_skew_syncs"]) == (True, [], 0)
+    assert answer["sync_late_ms"]["max"] < 1.01
+    assert took > passed * (0.99 if not slow_s else 4.0)
+    assert np.ptp(np.diff(world.t)) < 1e-9
+
+
+def test_the_clock_waits_for_a_master_that_is_held_up(tmp_path):
+    """0.2 s of the computer's time, twenty periods: not one SYNC is missed by it."""
+    drives, world = drives_of("epos4"), Springs()
+
+    with in_step(drives, world, tmp_path, "stall") as (bus, _, clock):
+        send, count = bus.send, [0]
+
+        def slowly(message, timeout=None):
+            if message.arbitration_id == 0x80:
+                count[0] += 1
+                if count[0] == 40:
+                    time.sleep(0.2)
+            send(message, timeout)
+
+        bus.send = slowly
+        answer = execute(swing(drives.joints, 0.6), drives, bus, clock=clock).answer()
+    assert (answer["ok"], answer["faults"]) == (True, [])
+    assert count[0] > 40
+
+
+def test_what_pushes_a_joint_is_held_and_shows_as_current(tmp_path):
+    """0.05 Nm at the joint, through 34 : 1, are 75 mA at 19.7 mNm/A; the motor gives way for a moment only."""
+    drives, world = drives_of("epos2"), Springs()
+
+    class Looks(Person):
+        current = None
+
+        def goes_on(self, plan_time):
+            if world.push == 0.0:
+                world.push, self.since = 0.05, clock.now()
+                return False
+            self.current = [m.current_ma for m in sim.motors]
+            return clock.now() - self.since > 0.3
+
+    with in_step(drives, world, tmp_path, "push") as (bus, sim, clock):
+        person = Looks()
+        excerpt = Excerpt(pauses_s=(0.4,))
+        run = execute(swing(drives.joints, 0.8, swings=2), drives, bus, clock=clock, person=person, excerpt=excerpt)
+    assert run.ok
+    assert person.current == pytest.approx(np.full(15, -0.05 / 34 / 19.7e-3 * 1e3), rel=0.02)
+    assert np.abs(run.record.error_deg[-1]).max() < 0.34  # two counts, though the push is still there
+
+
+def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
+    """Its heartbeat is missed, and the drives stop by themselves."""
+    monkeypatch.setattr(in_step_module, "GONE_S", 0.3)
+    drives, world = drives_of("epos2"), Springs()
+
+    with in_step(drives, world, tmp_path, "gone") as (bus, sim, clock):
+
+        def die(progress):
+            if progress.stage == "playing":
+                bus.send = lambda *_, **__: (_ for _ in ()).throw(can.CanOperationError("gone"))
+
+        answer = execute(swing(drives.joints, 3.0), drives, bus, clock=clock, progress=die).answer()
+        end = time.monotonic() + 5
+        while State.OPERATION_ENABLED in sim.states.values() and time.monotonic() < end:
+            time.sleep(0.05)
+        assert set(sim.states.values()) == {State.QUICK_STOP_ACTIVE}
+    assert answer["faults"][0]["kind"] == "bus"
+    assert len(answer["not_disabled"]) == 15

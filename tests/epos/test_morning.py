@@ -1,0 +1,31 @@
+"""The morning of docs/hardware.md: every command ends as it says there, and leaves nothing powered."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from morning import commands, morning
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_morning_with_the_hand(tmp_path, capsys):
+    from drake_hand.api import plan
+
+    file = tmp_path / "carry.plan.json"
+    plan("carry").save(file)
+    ended = morning(file)
+    out, err = capsys.readouterr()
+    assert ended == [command.status for command in commands(file)]
+    assert err.count("its zero is not known") == 15
+    assert "the zeros of 15 drives are known" in out
+    assert "ring_pip (node 6): EMCY 0x2310 over-current" in out
+    assert "15 of 15 drives are off" in out
+    assert "--open lets it fall" in err
+    assert "played; 15 drives" in out
+    status = out[out.rindex("15 of 15 drives answer") :]
+    assert len(re.findall("switch on disabled", status)) == 15
+    assert "homed" in status

@@ -1,0 +1,88 @@
+"""Looking at a hand or a task before there is a plan."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from drake_hand import api, cli
+from drake_hand.errors import NoPlanFound
+from drake_hand.model.scene import Scene
+from drake_hand.plans.task import Task
+from tests.view.browser import needs_chromium, opened
+
+
+def data(page: str) -> dict:
+    return json.loads(re.search(r'id="dh-data">(.*?)</script>', page, re.DOTALL).group(1))
+
+
+def test_sliders_have_the_limits_and_links_lead_to_the_tips(hand):
+    found = data(api.look(hand))
+    assert [j["name"] for j in found["joints"]] == list(hand.joints)
+    np.testing.assert_allclose([j["upper"] for j in found["joints"]], hand.q_upper)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(hand.q_lower, hand.q_upper)
+    scene = Scene(hand)
+    scene.set(q)
+    poses = []
+    for link in found["links"]:  # as the page does
+        X = np.array(link["X"]).reshape(4, 4).T
+        X = X if link["parent"] < 0 else poses[link["parent"]] @ X
+        if "axis" in link:
+            angle, a = link["gain"] * q[link["joint"]] + link["offset"], np.array(link["axis"])
+            K = np.cross(np.eye(3), a)
+            J = np.eye(4)
+            J[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+            X = X @ J
+        poses.append(X)
+    names = [link["name"] for link in found["links"]]
+    for tip, finger in zip(found["tips"], hand.fingers, strict=True):
+        X = poses[names.index(finger.tip_link)]
+        np.testing.assert_allclose(X[:3, :3] @ tip["p"] + X[:3, 3], scene.tip_position(finger), atol=1e-9)
+
+
+def test_a_task_shows_its_object_at_the_start_and_its_steps(hand):
+    found = data(api.look("twirl"))
+    assert np.array(found["X_WO"]).reshape(4, 4)[3, :3] * 1e3 == pytest.approx([30, 10, 176])
+    assert [label["name"] for label in found["labels"]][:1] == ["2 rotate 180 deg"]
+    carried = [label for label in data(api.look("carry"))["labels"] if label["name"].startswith("2 ")]
+    assert np.array(carried[0]["p"]) * 1e3 == pytest.approx([63, -2, 119])
+
+
+def test_what_blocked_is_marked_where_it_blocked():
+    X = np.eye(4)
+    X[:3, 3] = [0.05, 0.0, 0.12]
+    error = NoPlanFound("index cannot reach", evidence={"finger": "index", "X_WO": X.tolist()})
+    found = data(api.show_failure(Task.load("spin"), error))
+    assert found["blocked"] == "index"
+    assert "index cannot reach" in found["note"]
+    assert np.array(found["X_WO"]).reshape(4, 4)[3, :3] == pytest.approx([0.05, 0, 0.12])
+
+
+def test_commands_write_pages_of_hand_and_task(tmp_path, capsys):
+    assert cli.run(["hand", "show", "kanguera", "--html", str(tmp_path / "hand.html")]) == 0
+    assert cli.run(["show", "spin", "--html", str(tmp_path / "task.html")]) == 0
+    assert cli.run(["show", "spon"]) == 2
+    assert "spin" in capsys.readouterr().err
+    for name in ("hand", "task"):
+        assert "dh-yaml" in (tmp_path / f"{name}.html").read_text()
+
+
+@needs_chromium
+def test_sliders_move_hand_and_object_and_say_what_to_write(tmp_path):
+    file = tmp_path / "task.html"
+    file.write_text(api.look("spin"))
+    with opened(file.as_uri()) as tab:
+        tab.wait_for_function("document.querySelector('#dh-yaml').textContent.startsWith('start: ')")
+        assert "xyz_mm: [53, -2, 119], rpy_deg: [107, 0, -13]" in tab.locator("#dh-yaml").inner_text()
+        tip = "dh.node('stage/hand/index_distal').position.toArray()"
+        before = tab.evaluate(tip)
+        tab.locator("input[aria-label=index_flexion]").evaluate(
+            "(e) => { e.value = 60; e.dispatchEvent(new Event('input')); }"
+        )
+        assert np.linalg.norm(np.subtract(tab.evaluate(tip), before)) > 0.02
+        tab.locator("input[aria-label=x]").evaluate("(e) => { e.value = 70; e.dispatchEvent(new Event('input')); }")
+        assert "xyz_mm: [70, -2, 119]" in tab.locator("#dh-yaml").inner_text()
+        tab.locator("#dh-home").click()
+        assert tab.evaluate(tip) == pytest.approx(before)
