@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,9 +55,3 @@ class ContactSets:
     def repeated(self, times: int) -> ContactSets:
         """Every set so many times, to be changed."""
         return self[np.repeat(np.arange(len(self)), times)]
-
-    def without(self, finger: int) -> ContactSets:
-        """The sets with one finger lifted; no contact at all where it has none."""
-        mask = self.mask & self.mask[:, finger : finger + 1]
-        mask[:, finger] = False
-        return replace(self, mask=mask)

@@ -6,10 +6,14 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
+from drake_hand.model.scene import Scene
+from drake_hand.planning.collision import Clearance
 from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
+from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import COARSE, Moves
+from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import Hold
 from drake_hand.planning.state import State
 from drake_hand.planning.world import split
@@ -20,8 +24,14 @@ TOUCHES = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
 LOOKED_AT = 300
 """Of those that hold, how many are looked at more closely."""
+ENDURING = 3
+"""Fingers with contacts that last all the way make a grasp by themselves if they are as many."""
+AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
+"""Friction, and times the effort there is, with which it is asked what grasps are short of."""
 AHEAD = 40
 """How far their contacts are followed along the nominal way, coarse steps."""
+LASTING = 3.0
+"""What it counts for that none of their fingers has to let go along the way."""
 GRASPS = 60
 """Of those, how many a search starts from."""
 
@@ -33,6 +43,23 @@ def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> Contac
         for h in holds:
             sets.put(h.finger, h.p_WP[0], h.n_W[0], h.J_WP[0], row)
     return sets
+
+
+def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
+    """Refuses ways on which the object has to rest in the palm, whatever the fingers do.
+
+    Raises:
+        NoPlanFound: naming the body it overlaps.
+    """
+    hand, object_ = scene.hand, scene.object
+    assert object_ is not None, "planning needs an object"
+    for X in path.X_WO[[0, *path.stops]]:
+        scene.set(hand.q_home, X)
+        for a, b, depth in scene.penetrations():
+            other = b if a == object_.link else a
+            if object_.link in (a, b) and other in clearance.still:
+                what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
+                raise no_plan(what, mode=code(hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
 def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State]:
@@ -48,50 +75,30 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State
         NoPlanFound: there is none; counts what failed.
     """
     hand, X = moves.clearance.hand, np.ascontiguousarray(moves.path.X_WO[0, :3])
-    n = len(q)
-    rng, fingers = moves.rng, sorted(moves.fingers)
-    posture, touching = np.repeat(q[None], DRAWN, axis=0), np.zeros((DRAWN, n), dtype=bool)
-    reached = {}
-    way, steps = _whole_way(moves)
-    for f in fingers:
-        contacts, _, _ = moves.contacts(f, X)
-        reached[f] = len(contacts)
-        if not len(contacts):
-            continue
-        lasting = moves.lasting(np.full(len(contacts), f), contacts, np.repeat(way[None], len(contacts), axis=0), steps)
-        weight = lasting / steps + 0.05
-        pick = rng.choice(len(contacts), DRAWN, p=weight / weight.sum())
-        on = rng.random(DRAWN) < (1.0 if every else TOUCHES)
-        posture[on, f], touching[on, f] = contacts[pick[on]], True
-    mode = code(hand, fingers)
+    fingers = sorted(moves.fingers)
 
     def fail(what: str, constraint: str, finger: int | None = None) -> NoPlanFound:
         name = None if finger is None else hand.fingers[finger].name
-        return no_plan(what, mode=mode, constraint=constraint, finger=name, X_WO=moves.path.X_WO[0])
+        return no_plan(what, mode=code(hand, fingers), constraint=constraint, finger=name, X_WO=moves.path.X_WO[0])
 
-    unable = [f for f in fingers if not reached[f]]
+    reached = {f: moves.contacts(f, X)[0] for f in fingers}
+    unable = [f for f in fingers if not len(reached[f])]
     if unable and (every or len(unable) == len(fingers)):
         names = ", ".join(hand.fingers[f].name for f in unable)
-        raise fail(f"no point of the object is within reach of {names}", "reach", unable[0])
+        raise fail(f"no point of the object is within reach of {names}", "out of reach", unable[0])
+    posture, touching, lasts = _drawn(moves, q, reached, every)
     modes = {tuple(row) for row in np.unique(touching, axis=0).tolist()}
     able = {row: moves.allowed(frozenset(np.flatnonzero(row).tolist())) for row in modes}
     some = np.array([able[tuple(row)] for row in touching.tolist()])
     if not some.any():
         raise fail("a grasp needs a mode that options.modes leaves out", "modes")
-    posture, touching = posture[some], touching[some]
-    margins, poses = np.zeros((len(posture), n + 1)), np.repeat(X[None], len(posture), axis=0)
-    points, normals = np.zeros((2, len(posture), n, 3))
-
-    def run(r: slice) -> None:
-        hold.held_without(moves.world, moves.load, poses[r], posture[r], touching[r], margins[r], points[r], normals[r])
-
-    split(run, len(posture))
+    posture, touching, lasts = posture[some], touching[some], lasts[some]
+    margins = _margins(moves, moves.load, X, posture, touching)
     held = np.flatnonzero(margins[:, -1] >= 0)
     if not len(held):
-        most_held = float(margins[:, -1].max())
-        what = f"none of {len(posture)} sets of contacts balances the object: at best {-most_held:.2g} N are missing"
-        raise fail(what, "balance")
-    value = (margins[held, :-1] >= 0).sum(axis=1) + np.minimum(margins[held, -1], 1.0)
+        what, constraint = _short_of(moves, X, posture, touching, float(margins[:, -1].max()))
+        raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}", constraint)
+    value = (margins[held, :-1] >= 0).sum(axis=1) + np.minimum(margins[held, -1], 1.0) + LASTING * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
     held = held[np.argsort(-value, kind="stable")]
     clear = held[moves.clear(X, posture[held], touching[held])][:LOOKED_AT]
@@ -100,8 +107,74 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State
         raise fail(what, "collision")
     out = [State(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
     moves.evaluate(out)
-    best = sorted(out, key=lambda x: (-int(x.touching.sum()) if most else 0, -x.score))
-    return best[:GRASPS]
+    rank = [
+        (-int(x.touching.sum()) if most else 0, -x.score - LASTING * lasts[i]) for i, x in zip(clear, out, strict=True)
+    ]
+    return [out[k] for k in sorted(range(len(out)), key=lambda k: rank[k])][:GRASPS]
+
+
+def _drawn(
+    moves: Moves, q: np.ndarray, reached: dict[int, np.ndarray], every: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sets of contacts at random, of those within reach of each finger.
+
+    Half of them do without a regrasp, where enough fingers have contacts that last.
+
+    Returns:
+        Postures (N, n, m), who touches (N, n), and the share of the way for which all of them last (N,).
+    """
+    rng, (way, steps) = moves.rng, _whole_way(moves)
+    posture, touching = np.repeat(q[None], DRAWN, axis=0), np.zeros((DRAWN, len(q)), dtype=bool)
+    lasts = np.ones(DRAWN)
+    lasting = {
+        f: moves.lasting(np.full(len(c), f), c, np.repeat(way[None], len(c), axis=0), steps) / steps
+        for f, c in reached.items()
+        if len(c)
+    }
+    enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
+    enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, ENDURING)
+    for f, share in lasting.items():
+        weight = share + 0.05
+        pick = rng.choice(len(share), DRAWN, p=weight / weight.sum())
+        on = rng.random(DRAWN) < (1.0 if every else TOUCHES)
+        if enough and f in enduring:
+            pick[::2] = rng.choice(enduring[f], len(pick[::2]))
+        elif enough:
+            on[::2] = False
+        posture[on, f], touching[on, f] = reached[f][pick[on]], True
+        lasts[on] = np.minimum(lasts[on], share[pick[on]])
+    return posture, touching, lasts
+
+
+def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touching: np.ndarray) -> np.ndarray:
+    """(N, n + 1) as `hold.held_without` finds them, the object at X (3, 4)."""
+    N, n = touching.shape
+    margins, poses = np.zeros((N, n + 1)), np.repeat(X[None], N, axis=0)
+    points, normals = np.zeros((2, N, n, 3))
+
+    def run(r: slice) -> None:
+        hold.held_without(moves.world, load, poses[r], posture[r], touching[r], margins[r], points[r], normals[r])
+
+    split(run, N)
+    return margins
+
+
+def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, best: float) -> tuple[str, str]:
+    """What sets of contacts that do not balance the object are short of, in words and as a constraint."""
+    load = moves.load
+    least = f"at best {-best:.2g} N are missing"
+    if touching.sum(axis=1).max() < load.min_contacts:
+        return f"{load.min_contacts} fingers have to touch, {touching.sum(axis=1).max()} can", "contacts"
+    if load.kinematic:
+        return least, "balance"
+    eased = (
+        ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
+        ("the joints' efforts are too small", "effort", load._replace(effort=AMPLE_EFFORT * load.effort)),
+    )
+    for words, constraint, other in eased:
+        if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():
+            return f"{words} ({least})", constraint
+    return least, "balance"
 
 
 def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:

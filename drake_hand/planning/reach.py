@@ -48,28 +48,6 @@ class Hold:
         """Last tick it can be held."""
         return self.birth + len(self.q) - 1
 
-    def at(self, tick: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Joints (m,), contact point (3,) and outward normal (3,) at a tick."""
-        a = tick - self.birth
-        return self.q[a], self.p_WP[a], self.n_W[a]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Contacts:
-    """All contacts one finger can make at a tick, the longest-lasting first, as they are when made."""
-
-    holds: list[Hold]
-    length: np.ndarray
-    """(N,) ticks each lasts."""
-    q: np.ndarray
-    """(N, m) rad."""
-    p_WP: np.ndarray
-    n_W: np.ndarray
-    J_WP: np.ndarray
-    """(N, 3), (N, 3), (N, 3, m), as in `Hold`."""
-    centres: np.ndarray
-    """(N, any, 3) where the finger's spheres are."""
-
 
 class ReachTable:
     """Holds by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
@@ -96,8 +74,7 @@ class ReachTable:
             )
         many = len(clearance.surface.sample(SPACING)[0])
         self._points, self._normals = clearance.surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
-        self._contacts: dict[tuple[int, int], Contacts] = {}
-        self._centres: dict[tuple[int, int, int], np.ndarray] = {}
+        self._holds: dict[tuple[int, int], list[Hold]] = {}
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
@@ -111,38 +88,24 @@ class ReachTable:
         X = self.path.X_WO[ticks]
         return X[:, :3, :3] @ self.clearance.p_OCom + X[:, :3, 3]
 
-    def contacts(self, finger: int, tick: int) -> Contacts:
-        """Contacts the finger can make at a tick; of a turning symmetric object, those of tick 0, its `holds` too."""
-        source = self._source(tick)
-        if (finger, source) not in self._contacts:
-            self._contacts[finger, source] = self._compute(finger, source)
-        return self._contacts[finger, source]
-
     def holds(self, finger: int, tick: int) -> list[Hold]:
         """Contacts the finger can make at a tick, the longest-lasting first."""
-        table = self.contacts(finger, tick).holds
-        return table if self._source(tick) == tick else [replace(h, birth=tick) for h in table]
+        source = 0 if self.symmetric else tick
+        if (finger, source) not in self._holds:
+            self._holds[finger, source] = self._compute(finger, source)
+        table = self._holds[finger, source]
+        return table if source == tick else [replace(h, birth=tick) for h in table]
 
     def longest(self, finger: int) -> int:
         """For how many poses the finger can hold its best contact of tick 0; 0 where it has none."""
-        return int(self.contacts(finger, 0).length.max(initial=0))
-
-    def centres(self, hold: Hold) -> np.ndarray:
-        """(L, any, 3) where the finger's spheres are along a hold."""
-        key = (hold.finger, hold.table, self._source(hold.birth))
-        if key not in self._centres:
-            self._centres[key] = self.clearance.centres(hold.finger, hold.q)
-        return self._centres[key]
+        return max((len(h.q) for h in self.holds(finger, 0)), default=0)
 
     def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
         """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
         flow = self._roll(finger, tick, q[None])
-        return self._holds(finger, tick, flow, first=-1 - tick)[0] if flow.length[0] else None
+        return self._lasting(finger, tick, flow, first=-1 - tick)[0] if flow.length[0] else None
 
-    def _source(self, tick: int) -> int:
-        return 0 if self.symmetric else tick
-
-    def _compute(self, finger: int, tick: int) -> Contacts:
+    def _compute(self, finger: int, tick: int) -> list[Hold]:
         kin = self.clearance.kinematics[finger]
         X, r = self.path.X_WO[tick], kin.finger.radius
         n_W = self._normals @ X[:3, :3].T
@@ -157,18 +120,7 @@ class ReachTable:
         for word in flow.limited_by:
             why[word] = why.get(word, 0) + 1
         self.limits[finger, tick] = why
-        holds = sorted(self._holds(finger, tick, flow), key=lambda h: -len(h.q))
-        m = len(kin.lower)
-        q = np.array([h.q[0] for h in holds]).reshape(-1, m)
-        return Contacts(
-            holds=holds,
-            length=np.array([len(h.q) for h in holds], dtype=int),
-            q=q,
-            p_WP=np.array([h.p_WP[0] for h in holds]).reshape(-1, 3),
-            n_W=np.array([h.n_W[0] for h in holds]).reshape(-1, 3),
-            J_WP=np.array([h.J_WP[0] for h in holds]).reshape(-1, 3, m),
-            centres=self.clearance.centres(finger, q),
-        )
+        return sorted(self._lasting(finger, tick, flow), key=lambda h: -len(h.q))
 
     def _roll(self, finger: int, tick: int, q: np.ndarray) -> Flow:
         c = self.clearance
@@ -187,7 +139,7 @@ class ReachTable:
             blocked=blocked,
         )
 
-    def _holds(self, finger: int, tick: int, flow: Flow, *, first: int = 0) -> list[Hold]:
+    def _lasting(self, finger: int, tick: int, flow: Flow, *, first: int = 0) -> list[Hold]:
         """What of a flow lasts at all; `first` numbers the tables."""
         K = int(flow.length.max(initial=0))
         X, kin = self.path.X_WO[tick : tick + K], self.clearance.kinematics[finger]

@@ -250,6 +250,7 @@ class Run:
     def _first_search(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> Search:
         """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
         path = self._path(builder.X_WO, moving)
+        grasp.check_palm(self.scene, self.clearance, path)
         named = [self.hand.finger(name).index for name in wanted.fingers or ()]
         steps.settle(builder, self.clearance, park(self.clearance, still(builder.X_WO), range(len(self.hand.fingers))))
         moves = self._moves(task, path, frozenset(named or range(len(self.hand.fingers))))
@@ -281,6 +282,7 @@ class Run:
         if wanted is not None:
             named = frozenset(self.hand.finger(name).index for name in wanted.fingers or ()) or None
         usable = self._usable(task) | frozenset(builder.touching)
+        grasp.check_palm(self.scene, self.clearance, path)
         moves = self._moves(task, path, usable | (named or frozenset()))
         touching = np.zeros(len(self.hand.fingers), dtype=bool)
         touching[list(builder.touching)] = True

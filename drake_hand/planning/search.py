@@ -66,19 +66,21 @@ class Search:
     farthest: State | None = None
     _bins: dict[int, list[State]] = field(default_factory=dict)
     _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
+    _roots: dict[State, None] = field(default_factory=dict)
     _able: dict[int, tuple[State, bool]] = field(default_factory=dict)
     _started: float = field(default_factory=time.monotonic)
 
     def restart(self) -> None:
-        """Begins again at the roots; what is drawn at random will be other than before."""
-        roots = [root for root, _ in self._able.values()]
+        """Begins again at the roots, but for those that were the answer; what is drawn will be other than before."""
         self._bins.clear()
         self._tried.clear()
-        self.add(roots)
+        self.add(list(self._roots))
 
     def add(self, states: list[State]) -> None:
         """Takes states in, roots or what follows from others."""
         for x in states:
+            if x.parent is None:
+                self._roots[x] = None
             x.progress = self._progress(x)
             if self.farthest is None or x.progress > self.farthest.progress + 1e-9:
                 self.farthest = x
@@ -106,10 +108,11 @@ class Search:
             states = self._bins[bins[k]]
             state = max(states, key=self._rank)
             if not self._founded(state):
-                states.remove(state)
-                if not states:
-                    del self._bins[bins[k]]
+                self._take(state)
                 continue
+            if self._progress(state) >= goal - 1e-9:
+                self._roots.pop(state, None)
+                return self._take(state)
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
@@ -118,9 +121,16 @@ class Search:
             self._tell()
             if done:
                 best = min(done, key=lambda x: x.regrasps)
-                self._bins[int(best.progress // BIN)].remove(best)
-                return best
+                return self._take(best)
         return None
+
+    def _take(self, x: State) -> State:
+        """Takes a state out."""
+        b = int(x.progress // BIN)
+        self._bins[b].remove(x)
+        if not self._bins[b]:
+            del self._bins[b]
+        return x
 
     @property
     def exhausted(self) -> bool:

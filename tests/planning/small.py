@@ -4,18 +4,29 @@ from functools import cache
 
 import numpy as np
 
+from drake_hand.contact.chain import material_jacobian
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.planning import approach
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.contact_sets import ContactSets
+from drake_hand.planning.holding import Equilibrium, Holding
+from drake_hand.planning.kernels.world import World
+from drake_hand.planning.moves import Corridor, Moves
 from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.state import by_finger
+from drake_hand.planning.world import Grid, load, world
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
 
-UP = {"quartet": (-9.81, 0.0, 0.0), "trio": (0.0, 0.0, -9.81)}
+UP = {"kanguera": (-9.81, 0.0, 0.0), "quartet": (-9.81, 0.0, 0.0), "trio": (0.0, 0.0, -9.81)}
 """Gravity in W with the palm up, m/s^2."""
-START = {"quartet": Pose(xyz_mm=(75.0, 0.0, 0.0)), "trio": Pose(xyz_mm=(0.0, 0.0, 80.0))}
+START = {
+    "kanguera": Pose(xyz_mm=(53.0, -2.0, 119.0), rpy_deg=(107.0, 0.0, -13.0)),
+    "quartet": Pose(xyz_mm=(75.0, 0.0, 0.0)),
+    "trio": Pose(xyz_mm=(0.0, 0.0, 80.0)),
+}
 """Of an object between the fingers."""
 
 
@@ -59,6 +70,44 @@ def table(hand: str, object_: str, *steps: Step) -> ReachTable:
     return ReachTable(clearance(hand, object_), path(hand, *steps), "rolling")
 
 
+def moves(hand: str, object_: str, way: ObjectPath, holding: Holding | None = None, **changes) -> Moves:
+    """As a run makes them, in a corridor of 10 deg and 10 mm."""
+    c = clearance(hand, object_)
+    values = {
+        "corridor": Corridor(rad=np.radians(10.0), m=10e-3),
+        "fingers": frozenset(range(len(c.hand.fingers))),
+        "allowed": lambda touching: True,
+        "rng": np.random.default_rng(0),
+    } | changes
+    world_, grid = _world(hand, object_)
+    load_ = load(holding or equilibrium(hand, object_), 2)
+    return Moves(clearance=c, world=world_, load=load_, grid=grid, path=way, **values)
+
+
+@cache
+def _world(hand: str, object_: str) -> tuple[World, Grid]:
+    c = clearance(hand, object_)
+    return world(c, pivot=False), Grid.of(c)
+
+
+def waiting(hand: str) -> np.ndarray:
+    """(n, m) all fingers at home."""
+    hand_ = Hand.load(hand)
+    return by_finger(hand_, hand_.q_home)
+
+
+def as_sets(c: Clearance, X: np.ndarray, q: np.ndarray, touching: np.ndarray) -> ContactSets:
+    """The contacts of hands (N, n, m) that touch (N, n) objects at X (N, 3, 4), by the kinematics of the fingers."""
+    sets = ContactSets.none(c.hand, np.einsum("kij,j->ki", X[:, :, :3], c.p_OCom) + X[:, :, 3])
+    for f, kin in enumerate(c.kinematics):
+        p, _, J, Jw = kin.jacobian(np.ascontiguousarray(q[:, f, : len(kin.lower)]))
+        n_O = c.surface.closest(np.einsum("kji,kj->ki", X[:, :, :3], p - X[:, :, 3]))[1]
+        lever = kin.finger.radius * np.einsum("kij,kj->ki", X[:, :, :3], n_O)
+        sets.put(f, p - lever, lever / kin.finger.radius, material_jacobian(J, Jw, lever))
+        sets.mask[:, f] = touching[:, f]
+    return sets
+
+
 def equilibrium(hand: str, object_: str, **changes) -> Equilibrium:
     """As a run states it, with the palm up."""
     values = {
@@ -83,3 +132,9 @@ def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold
     hold = reach.from_contact(i, 0, q[0])
     assert hold is not None, "does not last"
     return hold
+
+
+def touch(reach: ReachTable, hold: Hold) -> approach.Contact:
+    """Where a hold begins, as closing the hand asks for it."""
+    X = reach.path.X_WO[hold.birth]
+    return approach.Contact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))

@@ -9,7 +9,8 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.legs import LegBuilder
-from tests.planning.small import clearance, contact, path, scene, table, turn
+from drake_hand.planning.park import park
+from tests.planning.small import clearance, contact, path, scene, table, touch, turn
 
 HAND = "quartet"
 
@@ -82,6 +83,10 @@ def test_fingers_whose_ways_are_clear_go_at_once(crossing):
     assert approach.ways(c, c.hand.q_home, {0: c.hand.q_home[c.hand.fingers[0].columns]}, X) == []
 
 
+def touched(reach, holds) -> dict[int, approach.Contact]:
+    return {h.finger: touch(reach, h) for h in holds}
+
+
 def waiting(c, X_WO: np.ndarray) -> LegBuilder:
     return LegBuilder(c.hand, c.hand.q_home, X_WO)
 
@@ -90,17 +95,18 @@ def test_contacts_whose_tips_overlap_cannot_be_landed_on_together(pencil):
     c, X = pencil.clearance, pencil.path.X_WO[0]
     near = [contact(pencil, 0, (0.0, 8e-3, -3e-3)), contact(pencil, 1, (0.0, 8e-3, 3e-3))]
     builder = waiting(c, X)
-    assert not approach.close(builder, c, near)
+    assert not approach.close(builder, c, touched(pencil, near))
     assert not builder.legs
     assert not builder.touching
-    assert approach.close(builder, c, [contact(pencil, 0, (0.0, 8e-3, -0.02)), contact(pencil, 1, (0.0, 8e-3, 0.02))])
+    apart = [contact(pencil, 0, (0.0, 8e-3, -0.02)), contact(pencil, 1, (0.0, 8e-3, 0.02))]
+    assert approach.close(builder, c, touched(pencil, apart))
 
 
 def test_closing_and_opening_lead_to_the_contacts_and_back(pencil):
     c, X = pencil.clearance, pencil.path.X_WO[0]
     holds = [contact(pencil, i, (0.0, y, z)) for i, y, z in ((0, 8e-3, -0.02), (1, 8e-3, 0.02), (3, -8e-3, 0.0))]
     builder = waiting(c, X)
-    assert approach.close(builder, c, holds)
+    assert approach.close(builder, c, touched(pencil, holds))
     assert builder.mode == "1101"
     for h in holds:
         np.testing.assert_allclose(builder.q[c.hand.fingers[h.finger].columns], h.q[0])
@@ -124,11 +130,11 @@ def test_a_finger_waits_clear_of_all_the_object_will_pass():
     along = path("trio", turn(45.0))
     inward = c.hand.q_home.copy()
     inward[c.hand.fingers[0].columns] = [0.0, np.radians(10.0), np.radians(40.0)]
-    q = approach.park(c, along, [0], inward)
+    q = park(c, along, [0], inward)
     centres = c.centres(0, q[None, c.hand.fingers[0].columns])
     assert min(c.to_object(0, centres, X, tip=True)[0] for X in along.X_WO) >= CLEARANCE
     assert np.abs(q - inward)[c.hand.fingers[0].columns].max() > 0.01, "it had to give way"
-    np.testing.assert_array_equal(approach.park(c, along, [0]), c.hand.q_home)
+    np.testing.assert_array_equal(park(c, along, [0]), c.hand.q_home)
 
 
 def test_a_finger_that_finds_no_place_to_wait_is_named():
@@ -136,5 +142,5 @@ def test_a_finger_that_finds_no_place_to_wait_is_named():
     filled = type(along)(X_WO=np.tile(np.eye(4), (2, 1, 1)), stops=(1,))
     filled.X_WO[:, :3, 3] = c.hand.fingers[0].axes[0].X_PJ[:3, 3] + [0.0, 0.0, 0.02]
     with pytest.raises(NoPlanFound, match="left") as e:
-        approach.park(c, filled, [0])
-    assert (e.value.evidence["finger"], e.value.evidence["constraint"]) == ("left", "collision")
+        park(c, filled, [0])
+    assert (e.value.evidence.finger, e.value.evidence.constraint) == ("left", "collision")

@@ -27,12 +27,6 @@ def test_there_is_no_contact_until_one_is_put():
     assert not none.J_WP[:, 2, :, 2].any(), "joints a finger lacks move nothing"
 
 
-def test_lifting_a_finger_leaves_the_others_and_nothing_where_it_was_not(sets):
-    lifted = sets.without(3)
-    np.testing.assert_array_equal(lifted.mask, [[0, 0, 0, 0, 1], [0] * 5, [0] * 5])
-    assert sets.mask[0, 3], "the sets themselves stay"
-
-
 def test_rows_and_repetitions(sets):
     some = sets[np.array([2, 0])]
     np.testing.assert_array_equal(some.mask, sets.mask[[2, 0]])

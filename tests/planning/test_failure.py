@@ -1,9 +1,9 @@
 """A failure names mode, finger, constraint and pose, in words and as evidence."""
 
-import json
-
+import msgspec
 import numpy as np
 
+from drake_hand.errors import Evidence
 from drake_hand.model.hand import Hand
 from drake_hand.planning.failure import code, no_plan
 
@@ -24,12 +24,12 @@ def test_words_and_evidence_say_the_same():
     for word in ("it slips", "mode 101", "1.0", "-20.0", "80.0", "mm"):
         assert word in str(error)
     assert error.status == "infeasible"
-    assert error.evidence["mode"] == "101"
-    assert error.evidence["finger"] == "left"
-    assert error.evidence["constraint"] == "hold"
-    assert error.evidence["progress"] == 0.25
-    np.testing.assert_array_equal(error.evidence["X_WO"], X_WO)
-    json.dumps(error.evidence)
+    assert error.evidence.mode == "101"
+    assert error.evidence.finger == "left"
+    assert error.evidence.constraint == "hold"
+    assert error.evidence.progress == 0.25
+    np.testing.assert_array_equal(error.evidence.X_WO, X_WO)
+    assert msgspec.json.decode(msgspec.json.encode(error.evidence), type=Evidence) == error.evidence
 
 
 def test_time_that_runs_out_is_told_apart():

@@ -51,6 +51,9 @@ def test_every_step_of_a_gait_holds_with_the_margin_it_states(reach, gaits):
 
 
 def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
+    def centres(h, age: int):
+        return reach.clearance.centres(h.finger, h.q[age : age + 1])
+
     for one in gaits:
         assert one.stroke == STROKE
         assert all(len(h.q) > one.stroke for h in one.holds)
@@ -58,9 +61,7 @@ def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
             for b in range(a):
                 x, y = one.holds[a], one.holds[b]
                 for i, j in ((0, 0), (STROKE, STROKE), (0, STROKE), (STROKE, 0)):
-                    gap = reach.clearance.between(
-                        x.finger, reach.centres(x)[i][None], y.finger, reach.centres(y)[j][None]
-                    )
+                    gap = reach.clearance.between(x.finger, centres(x, i), y.finger, centres(y, j))
                     assert gap[0] >= CLEARANCE
 
 

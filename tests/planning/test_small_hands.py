@@ -7,7 +7,7 @@ import pytest
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.planner import find_path
+from drake_hand.planning.planner import find_paths
 from drake_hand.plans.task import Pose, Slide, Step
 from tests.planning.small import move, task, turn
 
@@ -48,7 +48,7 @@ def test_forces_of_a_plan_begin_at_nothing():
 def test_a_grasp_from_which_the_next_step_fails_is_taken_back():
     """From the grasp that is looked at first the left finger cannot slide as far; from another it can."""
     step = Step(slide=Slide(finger="left", by_mm=(20.0, 0.0)))
-    path = find_path(task("trio", "cube", step, hold="kinematic", time_limit_s=WITHIN_S))
+    path = next(find_paths(task("trio", "cube", step, hold="kinematic", time_limit_s=WITHIN_S)))
     slid = next(leg for leg in path.legs if leg.mode == "211" and np.ptp(leg.q, axis=0).any())
     length = np.linalg.norm(np.diff(slid.p_OP["left"], axis=0), axis=1).sum()
     assert length == pytest.approx(20e-3, abs=1e-5)
@@ -57,16 +57,16 @@ def test_a_grasp_from_which_the_next_step_fails_is_taken_back():
 def test_out_of_reach_is_said_with_mode_finger_and_pose():
     far = task("trio", "sphere", turn(10.0), start=Pose(xyz_mm=(0.0, 0.0, 200.0)), time_limit_s=WITHIN_S)
     with pytest.raises(NoPlanFound, match="reach") as e:
-        find_path(far)
+        next(find_paths(far))
     assert e.value.status == "infeasible"
-    assert e.value.evidence["finger"] in ("left", "right", "thumb")
-    assert len(e.value.evidence["mode"]) == 3
-    assert np.array(e.value.evidence["X_WO"])[2, 3] == pytest.approx(0.2)
+    assert e.value.evidence.finger in ("left", "right", "thumb")
+    assert len(e.value.evidence.mode) == 3
+    assert np.array(e.value.evidence.X_WO)[2, 3] == pytest.approx(0.2)
 
 
 def test_an_object_in_the_palm_is_said_to_be():
     """The trio's palm faces z: the ball would be half in it."""
     inside = task("trio", "sphere", turn(10.0), start=Pose(xyz_mm=(0.0, 0.0, 10.0)), time_limit_s=WITHIN_S)
     with pytest.raises(NoPlanFound, match="palm") as e:
-        find_path(inside)
-    assert e.value.evidence["constraint"] == "collision with palm"
+        next(find_paths(inside))
+    assert e.value.evidence.constraint == "collision with palm"

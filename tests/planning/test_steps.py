@@ -47,8 +47,8 @@ def test_a_finger_that_can_only_pull_or_rub_does_not_push():
         assert not any(-h.n_W[0] @ np.array(by) >= OPPOSED * np.linalg.norm(by) for h in lasting)
         with pytest.raises(NoPlanFound, match="opposes") as e:
             pushed(along, 2)
-        assert e.value.evidence["constraint"] == "direction of push"
-        assert e.value.evidence["finger"] == "thumb"
+        assert e.value.evidence.constraint == "direction of push"
+        assert e.value.evidence.finger == "thumb"
 
 
 def test_a_push_out_of_reach_says_so():
@@ -56,7 +56,7 @@ def test_a_push_out_of_reach_says_so():
     far = ObjectPath(X_WO=along.X_WO + np.pad([[0.4]], ((0, 3), (3, 0))), stops=along.stops)
     with pytest.raises(NoPlanFound, match="keep along the push") as e:
         pushed(far, 2)
-    assert e.value.evidence["constraint"] == "out of reach"
+    assert e.value.evidence.constraint == "out of reach"
 
 
 PLACES = [(0, 8e-3, -0.022), (1, 8e-3, 0.022), (2, -8e-3, -0.01), (3, -8e-3, 0.022)]
@@ -96,19 +96,19 @@ def test_a_finger_slides_as_far_as_it_is_told_over_the_surface(held):
 def test_a_slide_over_the_end_or_into_another_finger_is_refused(held, s_mm, constraint):
     with pytest.raises(NoPlanFound) as e:
         steps.slide(held, PENCIL, Kinematic(3), "rolling", 3, 1e-3 * np.array(s_mm))
-    assert e.value.evidence["constraint"] in constraint.split("|")
-    assert e.value.evidence["finger"] == "right_2"
+    assert e.value.evidence.constraint in constraint.split("|")
+    assert e.value.evidence.finger == "right_2"
     assert held.mode == "1111"
 
 
 def test_nothing_slides_that_the_others_do_not_hold_or_that_does_not_touch(held):
     with pytest.raises(NoPlanFound) as e:
         steps.slide(held, PENCIL, Kinematic(5), "rolling", 3, np.array([0.0, -2e-3]))
-    assert e.value.evidence["constraint"] == "hold"
+    assert e.value.evidence.constraint == "hold"
     held.break_(3)
     with pytest.raises(NoPlanFound, match="does not touch") as e:
         steps.slide(held, PENCIL, Kinematic(2), "rolling", 3, np.array([0.0, -2e-3]))
-    assert e.value.evidence["constraint"] == "contact"
+    assert e.value.evidence.constraint == "contact"
 
 
 def test_letting_go_ends_with_all_fingers_clear(held):

@@ -7,7 +7,7 @@ import pytest
 from drake_hand import api
 from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.planning.holding import Equilibrium
-from drake_hand.planning.planner import find_path
+from drake_hand.planning.planner import find_paths
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Push, Rotate, Step, Task
 
 
@@ -35,14 +35,17 @@ def test_a_start_inside_a_grasp_in_equilibrium():
     assert api.solve(task).plan.certified
 
 
-def test_forces_that_do_not_exist_are_blamed_on_a_pose(monkeypatch):
-    """Plans rely on so little friction that what the search found cannot be balanced."""
+def test_grasps_short_of_friction_or_of_effort_say_which(monkeypatch):
+    """Plans rely on so little friction that nothing can be balanced; or the object is far too heavy."""
     task = spin(Step(grasp=Grasp()), turn(5.0))
-    monkeypatch.setattr(Equilibrium, "margins", lambda self, sets, slip_W=None: np.ones(len(sets)))
+    heavy = msgspec.structs.replace(task, physics=Physics(gravity=(-9.81, 0.0, 0.0), object_mass_kg=30.0))
+    with pytest.raises(NoPlanFound, match="efforts are too small") as e:
+        next(find_paths(heavy))
+    assert e.value.evidence.constraint == "effort"
     monkeypatch.setattr(Equilibrium, "FRICTION_SHARE", 1e-4)
-    with pytest.raises(NoPlanFound, match="balance") as e:
-        find_path(task)
-    assert e.value.evidence.constraint == "balance"
+    with pytest.raises(NoPlanFound, match="friction is too low") as e:
+        next(find_paths(task))
+    assert e.value.evidence.constraint == "friction"
     assert e.value.evidence.mode in e.value.reason
     assert np.shape(e.value.evidence.X_WO) == (4, 4)
 
@@ -57,4 +60,4 @@ def test_forces_that_do_not_exist_are_blamed_on_a_pose(monkeypatch):
 )
 def test_tasks_that_cannot_be_meant(task, key):
     with pytest.raises(InputError, match=f"key: +{key}"):
-        find_path(task)
+        next(find_paths(task))

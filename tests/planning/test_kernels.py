@@ -1,0 +1,215 @@
+"""Compiled strokes, balance and transits against the plain formulas of rolling, equilibrium, clearance and reach."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_hand.contact.rolling import roll
+from drake_hand.planning import grasp
+from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.holding import Kinematic
+from drake_hand.planning.kernels import hold, stroke, transit
+from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
+from drake_hand.planning.transit import MOVING, STEP, Surroundings
+from drake_hand.planning.world import load
+from tests.planning.small import (
+    as_sets,
+    clearance,
+    contact,
+    equilibrium,
+    move,
+    moves,
+    path,
+    table,
+    turn,
+    waiting,
+)
+
+ALONG = (turn(25.0), move(0.0, 8.0, 6.0))
+
+
+def anything(m):
+    """A load that any contacts bear."""
+    return m.load._replace(preload=-1e9, min_contacts=0)
+
+
+def carried(m, q0, touching, load_, every=1):
+    """Strokes along all of a path: postures (N, K + 1, n, m), steps made, what ended them and whose it was."""
+    N, K = len(q0), m.path.ticks
+    X = np.ascontiguousarray(np.repeat(m.path.X_WO[None, :, :3], N, axis=0))
+    q, length, why, who = np.zeros((N, K + 1, *q0.shape[1:])), *np.zeros((3, N), dtype=np.int64)
+    stroke.strokes(m.world, load_, X, np.full(N, K), q0, touching, every, q, length, why, who)
+    return q, length, why, who
+
+
+def gap(c, X, q, touching) -> float:
+    """Least clearance of a whole hand (n, m) but for what touches."""
+    X = np.vstack([X, [0.0, 0.0, 0.0, 1.0]])
+    centres = [c.centres(f, q[f : f + 1, : len(kin.lower)]) for f, kin in enumerate(c.kinematics)]
+    least = min(c.to_object(f, x, X, tip=not touching[f])[0] for f, x in enumerate(centres))
+    least = min(least, *(c.to_palm(f, x)[0] for f, x in enumerate(centres) if touching[f]))
+    pairs = itertools.combinations(range(len(centres)), 2)
+    return min(least, *(c.between(a, centres[a], b, centres[b])[0] for a, b in pairs if touching[a] or touching[b]))
+
+
+@pytest.mark.parametrize("object_", ["cube", "pencil"])
+def test_contacts_roll_as_they_do_by_the_plain_formulas(object_):
+    way = path("kanguera", *ALONG)
+    m, c = moves("kanguera", object_, way), clearance("kanguera", object_)
+    ended = set()
+    for f, kin in enumerate(c.kinematics):
+        q = m.contacts(f, np.ascontiguousarray(way.X_WO[0, :3]), some=120)[0]
+        for _ in range(2):  # exactly onto the surface
+            onto = roll(kin, c.surface, way.X_WO[:1], np.ascontiguousarray(q[:, : len(kin.lower)]))
+            q = q[onto.length == 1]
+            q[:, : len(kin.lower)] = onto.q[0, onto.length == 1]
+        q0 = np.repeat(waiting("kanguera")[None], len(q), axis=0)
+        q0[:, f] = q
+        touching = np.zeros((len(q), len(c.kinematics)), dtype=bool)
+        touching[:, f] = True
+        found, length, why, who = carried(m, q0, touching, anything(m))
+        flow = roll(kin, c.surface, way.X_WO, np.ascontiguousarray(q[:, : len(kin.lower)]))
+        for i in range(len(q)):
+            both = min(length[i], flow.length[i] - 1)
+            apart = np.abs(found[i, : both + 1, f, : len(kin.lower)] - flow.q[: both + 1, i]).max(axis=1, initial=0.0)
+            assert (apart[:-1] < 1e-5).all()
+            assert (apart[-1:] < 1e-4).all(), "next to a singular posture, which ends it, rounding counts for more"
+            if why[i] in (LIMIT, EDGE):
+                assert who[i] == f
+                assert abs(length[i] - (flow.length[i] - 1)) <= 1, (WORDS[why[i]], flow.limited_by[i])
+                ended.add(int(why[i]))
+    assert LIMIT in ended
+    assert (EDGE in ended) == (object_ == "cube")
+
+
+@pytest.fixture(scope="module")
+def pinched():
+    """Moves of a pencil between the quartet's fingers along and about it, and many grasps, not all of which hold."""
+    m = moves("quartet", "pencil_r8", path("quartet", move(12.0, 4.0, 0.0), turn(20.0)))
+    X = np.ascontiguousarray(m.path.X_WO[0, :3])
+    rng = np.random.default_rng(1)
+    q0 = np.repeat(waiting("quartet")[None], 400, axis=0)
+    touching = rng.random((400, 4)) < 0.8
+    for f in range(4):
+        q = m.contacts(f, X)[0]
+        q0[touching[:, f], f] = q[rng.integers(0, len(q), touching[:, f].sum())]
+    fine = m.clear(X, q0, touching)
+    return m, X, q0[fine], touching[fine]
+
+
+def test_whole_hands_said_to_be_clear_are(pinched):
+    m, X, q0, touching = pinched
+    assert len(q0) > 20
+    assert min(gap(m.clearance, X, q, on) for q, on in zip(q0, touching, strict=True)) >= CLEARANCE - 1e-9
+
+
+def test_a_stroke_ends_where_something_comes_too_near(pinched):
+    m, _, q0, touching = pinched
+    q, length, why, _ = carried(m, q0, touching, anything(m))
+    X = m.path.X_WO[:, :3]
+    for i in range(len(q0)):
+        assert all(gap(m.clearance, X[k], q[i, k], touching[i]) >= CLEARANCE - 1e-9 for k in range(length[i] + 1))
+        if why[i] in (OBJECT, FINGERS):
+            assert gap(m.clearance, X[length[i] + 1], q[i, length[i] + 1], touching[i]) < CLEARANCE
+    assert {OBJECT, FINGERS} <= set(why.tolist())
+
+
+def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
+    m, X, q0, touching = pinched
+    N = len(q0)
+    for holding, least in ((equilibrium("quartet", "pencil_r8"), 0), (Kinematic(2), 2)):
+        load_ = load(holding, least)
+        margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
+        XX = np.repeat(X[None], N, axis=0)
+        hold.held_without(
+            m.world,
+            load_,
+            XX,
+            q0,
+            touching,
+            margins,
+            p_OP,
+            n_W,
+        )
+        sets = as_sets(m.clearance, XX, q0, touching)
+        np.testing.assert_allclose(margins[:, 4], holding.margins(sets), atol=1e-6)
+        np.testing.assert_allclose(n_W[touching], sets.n_W[touching], atol=1e-9)
+        for f in range(4):
+            less = touching.copy()
+            less[:, f] = False
+            np.testing.assert_allclose(margins[:, f], holding.margins(as_sets(m.clearance, XX, q0, less)), atol=1e-6)
+        assert (margins >= 0).any()
+        assert (margins < 0).any()
+
+
+def test_a_stroke_ends_where_its_contacts_hold_no_longer():
+    """A pencil turned out of the horizontal: what holds it lying may not hold it askew."""
+    way = path("quartet", move(0.0, 0.0, 30.0))
+    holding = equilibrium("quartet", "pencil_r8", preload=0.35)
+    m = moves("quartet", "pencil_r8", way, holding)
+    states = grasp.roots(m, waiting("quartet"), every=False, most=False)
+    q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
+    q, length, why, _ = carried(m, q0, touching, m.load)
+    ended = np.flatnonzero(why == BALANCE)
+    assert len(ended)
+    X = np.ascontiguousarray(way.X_WO[:, :3])
+    for i in ended:
+        rows = slice(0, length[i] + 2)
+        on = np.repeat(touching[i : i + 1], length[i] + 2, axis=0)
+        margins = holding.margins(as_sets(m.clearance, X[rows], q[i, rows], on))
+        assert (margins[:-1] >= -1e-6).all()
+        assert margins[-1] < 1e-6
+
+
+@pytest.mark.parametrize(("hand", "object_"), [("kanguera", "pencil_r8"), ("trio", "cube")])
+def test_what_is_within_reach_is_what_inverse_kinematics_reaches(hand, object_):
+    m, c = moves(hand, object_, path(hand, turn(5.0))), clearance(hand, object_)
+    X, points, normals = np.ascontiguousarray(m.path.X_WO[0, :3]), m.grid.points, m.grid.normals
+    for f, kin in enumerate(c.kinematics):
+        N = len(points)
+        q, able = np.zeros((N, m.world.chains.lower.shape[1])), np.zeros(N, dtype=bool)
+        p_W, n_W = np.zeros((2, N, 3))
+        transit.contacts(m.world, f, m.grid.seeds[f], points, normals, X, q, p_W, n_W, able)
+        np.testing.assert_allclose(p_W, points @ X[:, :3].T + X[:, 3], atol=1e-12)
+        centres = p_W + kin.finger.radius * n_W
+        assert np.mean(able == (kin.ik(centres)[1] < 1e-5)) > 0.98
+        there = q[able, : len(kin.lower)]
+        np.testing.assert_allclose(kin.fk(there)[0], centres[able], atol=1e-5)
+        assert ((there >= kin.lower) & (there <= kin.upper)).all()
+
+
+def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_clear():
+    """Two tips of 8 mm 16.1 mm apart: less room than any way must have, but 15 mm higher up there is plenty."""
+    reach, m = table("quartet", "pencil_r8", turn(2.5)), moves("quartet", "pencil_r8", path("quartet", turn(2.5)))
+    X = np.ascontiguousarray(reach.path.X_WO[0, :3])
+    mine = contact(reach, 0, (0.0, 8e-3, -0.01))
+    for z, fine in ((0.03, True), (-0.01 + 16.1e-3, False)):
+        others = waiting("quartet")
+        others[0], others[1] = mine.q[0], contact(reach, 1, (0.0, 8e-3, z)).q[0]
+        found = np.zeros((1, 3), dtype=np.int64)
+        args = m.world, 0, X, others, mine.q[0], True, mine.n_W[0], mine.q[:1].copy(), mine.n_W[:1].copy()
+        transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), STEP, found)
+        assert (found[0, 0] >= 0) == fine
+
+
+def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
+    m = moves("quartet", "pencil_r8", path("quartet", turn(20.0)))
+    c, X = m.clearance, m.path.X_WO[0]
+    states = grasp.roots(m, waiting("quartet"), every=False, most=True)
+    checked = 0
+    for before in states[:8]:
+        for f in range(4):
+            for after in [*m.switches(before, f), *m.retreats(before, f)]:
+                q = np.concatenate([before.q[k][: len(c.kinematics[k].lower)] for k in range(4)])
+                around, pieces = Surroundings.of(c, q, X, f), m.ways(before, after)
+                np.testing.assert_allclose(pieces[0][0], before.q[f])
+                np.testing.assert_allclose(pieces[-1][-1], after.q[f])
+                lifted, landed = bool(before.touching[f]), bool(after.touching[f])
+                for k, piece in enumerate(pieces):
+                    at_contact = (k == 0 and lifted) or (k == len(pieces) - 1 and landed)
+                    assert around.clear(f, piece, tip=not at_contact).min() >= MOVING - 1e-9
+                for one, two in itertools.pairwise(pieces):
+                    np.testing.assert_allclose(one[-1], two[0], atol=1e-12)
+                checked += 1
+    assert checked > 20
