@@ -14,7 +14,7 @@ demo: install
 	.venv/bin/drake-hand demo
 
 # Drives keep time: what runs on the bus must not share the machine with other tests.
-CLOCKED := tests/epos tests/cli/test_drives_commands.py
+CLOCKED := tests/epos $(addprefix tests/cli/test_,drives_commands.py physics_in_step.py way_back.py)
 
 test: install
 	$(PY) -m pytest -n 2 $(addprefix --ignore=,$(CLOCKED))
