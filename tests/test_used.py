@@ -13,19 +13,11 @@ CALLED_FROM_OUTSIDE = {"drake_hand.cli.main": "the console script in pyproject.t
 """Name and who calls it."""
 FOR_NOW = {
     "drake_hand.contact.kinematics.relative_angles",
-    "drake_hand.contact.mode_kinematics.ModeKinematics",
-    "drake_hand.contact.mode_kinematics.ModeKinematics.accelerations",
-    "drake_hand.contact.mode_kinematics.ModeKinematics.positions",
-    "drake_hand.contact.mode_kinematics.ModeKinematics.velocities",
-    "drake_hand.epos.drives.Drives.rates_from_rpm",
     "drake_hand.epos.pdo.Pdo.communication_index",
     "drake_hand.epos.sim.process.SpawnedDrives.open_bus",
     "drake_hand.epos.sim.timeline.read_timeline",
     "drake_hand.epos.sim.timeline.rows_as_arrays",
     "drake_hand.modes.constraints.ModeProgram.constraints",
-    "drake_hand.modes.constraints.build_ik",
-    "drake_hand.modes.predicate.Finding.violation",
-    "drake_hand.modes.solve.solve_ik",
 }
 """Only tests call these today. They are to be put to work or deleted; nothing may be added."""
 

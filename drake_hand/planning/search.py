@@ -71,7 +71,7 @@ class Search:
     _started: float = field(default_factory=time.monotonic)
 
     def restart(self) -> None:
-        """Begins again at the roots, but for those that were the answer; what is drawn will be other than before."""
+        """Begins again at the roots that led to no answer yet; what is drawn will be other than before."""
         self._bins.clear()
         self._tried.clear()
         self.add(list(self._roots))
@@ -111,8 +111,7 @@ class Search:
                 self._take(state)
                 continue
             if self._progress(state) >= goal - 1e-9:
-                self._roots.pop(state, None)
-                return self._take(state)
+                return self._answer(state)
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
@@ -121,8 +120,14 @@ class Search:
             self._tell()
             if done:
                 best = min(done, key=lambda x: x.regrasps)
-                return self._take(best)
+                return self._answer(best)
         return None
+
+    def _answer(self, x: State) -> State:
+        """Takes a state at the goal out; another search begins with another grasp, where there is one."""
+        if len(self._roots) > 1 or x.parent is None:
+            self._roots.pop(x.chain[0], None)
+        return self._take(x)
 
     def _take(self, x: State) -> State:
         """Takes a state out."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.planning.object_path import TICK_DEG, TICK_M, as_pose, build, pose
+from drake_hand.planning.object_path import TICK_DEG, TICK_M, as_pose, build, pose, still
 from drake_hand.plans.task import MoveTo, Pose, Rotate, Step, Translate
 
 START = Pose(xyz_mm=(50.0, 5.0, 110.0), rpy_deg=(90.0, 10.0, -20.0))
@@ -54,3 +54,28 @@ def test_steps_follow_one_another_and_stop_in_between():
 
 def test_a_pose_reads_back_as_written():
     assert as_pose(pose(START)) == START
+
+
+def test_poses_beside_a_way_are_turned_and_shifted_from_it():
+    path = build(pose(START), [Step(rotate=Rotate(axis=(0.0, 1.0, 0.0), angle_deg=30.0, about_mm=(0.0, 0.0, 0.0)))])
+    s = np.array([0.0, 3.0, 7.4, float(path.ticks)])
+    np.testing.assert_allclose(path.beside(s[[0, 1, 3]], np.zeros((3, 6))), path.X_WO[[0, 3, -1], :3], atol=1e-9)
+    off = np.array([0.1, -0.2, 0.05, 1e-3, 2e-3, -3e-3])
+    nominal, beside = path.beside(s, np.zeros((4, 6))), path.beside(s, np.tile(off, (4, 1)))
+    turn = Rotation.from_rotvec(off[:3]).as_matrix()
+    np.testing.assert_allclose(beside[:, :, :3], turn @ nominal[:, :, :3], atol=1e-9)
+    np.testing.assert_allclose(beside[:, :, 3], nominal[:, :, 3] + off[3:], atol=1e-12)
+    between = Rotation.from_matrix(nominal[2, :, :3] @ path.X_WO[7, :3, :3].T).magnitude()
+    step = Rotation.from_matrix(path.X_WO[8, :3, :3] @ path.X_WO[7, :3, :3].T).magnitude()
+    assert between == pytest.approx(0.4 * step)
+
+
+def test_a_way_of_no_length_is_left_by_offsets_alone():
+    path = still(pose(START))
+    np.testing.assert_allclose(path.beside(np.zeros(1), np.zeros((1, 6)))[0], pose(START)[:3], atol=1e-12)
+
+
+def test_the_next_stop_is_the_end_of_the_step_one_is_in():
+    path = build(pose(START), [Step(translate=Translate(by_mm=(10.0, 0.0, 0.0)))] * 2)
+    assert path.stops == (10, 20)
+    assert [path.next_stop(s) for s in (0.0, 9.5, 10.0, 19.0, 20.0)] == [10, 10, 20, 20, 20]

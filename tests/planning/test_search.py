@@ -1,0 +1,235 @@
+"""The search: moves keep to modes and fingers, a goal is met without an offset, failures say where and why."""
+
+import time
+
+import numpy as np
+import pytest
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning import grasp
+from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.holding import Kinematic
+from drake_hand.planning.object_path import pose, still
+from drake_hand.planning.search import Search
+from drake_hand.planning.state import State
+from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
+
+HAND, PENCIL = "quartet", "pencil_r8"
+SLIPPERY = equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, -9.81]))
+"""Its weight along its axis."""
+
+
+def roots(m, *, every=False, most=False) -> list[State]:
+    return grasp.roots(m, waiting(HAND), every=every, most=most)
+
+
+def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Search, State | None]:
+    m = moves(HAND, PENCIL, way, **changes)
+    search = Search(moves=m, wanted=wanted)
+    search.add(begin or roots(m))
+    return search, search.run(budget, time.monotonic() + 60.0)
+
+
+# -- grasps
+
+
+def test_grasps_balance_the_object_and_are_clear():
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 20.0)))
+    found = roots(m)
+    assert 10 < len(found) <= grasp.GRASPS
+    q, on = np.stack([x.q for x in found]), np.stack([x.touching for x in found])
+    X = np.repeat(m.path.X_WO[:1, :3], len(found), axis=0)
+    sets = as_sets(m.clearance, X, q, on)
+    assert (equilibrium(HAND, PENCIL).margins(sets) >= -1e-6).all()
+    for x in found:
+        centres = [m.clearance.centres(f, x.q[f : f + 1, : len(k.lower)]) for f, k in enumerate(m.clearance.kinematics)]
+        between = m.clearance.between
+        assert min(between(a, centres[a], b, centres[b])[0] for a in range(4) for b in range(a)) >= CLEARANCE
+    assert len({x.q.tobytes() for x in found}) == len(found)
+
+
+def test_grasps_that_last_all_the_way_come_first():
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 12.0)))
+    first = roots(m)[0]
+    (end,) = m.onward([first])
+    assert end.s == m.path.ticks
+    assert end.regrasps == 0
+
+
+def test_all_named_fingers_touch_and_no_others():
+    m = moves(HAND, PENCIL, path(HAND, turn(5.0)), fingers=frozenset({0, 1, 3}))
+    assert {tuple(x.touching) for x in roots(m, every=True)} == {(True, True, False, True)}
+    some = {tuple(x.touching) for x in roots(m)}
+    assert not any(row[2] for row in some)
+    assert len(some) > 1
+
+
+def test_a_power_grasp_begins_with_most_fingers():
+    counts = [x.touching.sum() for x in roots(moves(HAND, PENCIL, path(HAND, turn(5.0))), most=True)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "constraint", "words"),
+    [
+        (
+            {"holding": equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, -9.81]))},
+            "friction",
+            "none of 3000 sets of contacts",
+        ),
+        ({"holding": equilibrium(HAND, PENCIL, mass=50.0)}, "effort", "N are missing"),
+        ({"allowed": lambda touching: False}, "modes", "options.modes"),
+        ({"fingers": frozenset({0})}, "contacts", "2 fingers have to touch, 1 can"),
+    ],
+)
+def test_what_there_is_no_grasp_for_is_counted_and_named(changes, constraint, words):
+    with pytest.raises(NoPlanFound, match=words) as e:
+        roots(moves(HAND, PENCIL, path(HAND, turn(5.0)), **changes))
+    assert e.value.evidence.constraint == constraint
+
+
+def test_who_does_not_reach_the_object_is_named():
+    X = pose(START[HAND])
+    X[0, 3] = 0.5
+    with pytest.raises(NoPlanFound, match="within reach of left_1, left_2") as e:
+        roots(moves(HAND, PENCIL, still(X)))
+    assert e.value.evidence.constraint == "out of reach"
+
+
+# -- moves
+
+
+def test_moves_keep_to_the_fingers_and_modes_that_may_be_used():
+    used, may = frozenset({0, 1, 3}), {frozenset({0, 1, 3}), frozenset({0, 1})}
+    free = moves(HAND, PENCIL, path(HAND, turn(20.0)))
+    kept = moves(HAND, PENCIL, path(HAND, turn(20.0)), Kinematic(2), fingers=used, allowed=lambda t: t in may)
+    made = {f: 0 for f in range(4)}
+    for x in roots(free, most=True)[:10]:
+        for f in range(4):
+            made[f] += len(free.switches(x, f)) + len(free.retreats(x, f))
+    assert all(made.values()), "without restrictions every finger is moved"
+    lifted = set()
+    for x in roots(kept):
+        for f in range(4):
+            for after in [*kept.switches(x, f), *kept.retreats(x, f)]:
+                touching = frozenset(np.flatnonzero(after.touching).tolist())
+                assert touching in may
+                lifted.add(f)
+                assert after.margins[-1] >= 0
+                same = [k for k in range(4) if k != f]
+                np.testing.assert_array_equal(after.q[same], x.q[same])
+                np.testing.assert_array_equal(after.X, x.X)
+    assert 3 in lifted
+    assert not {0, 1} & lifted, "they hold on in both modes"
+
+
+def test_strokes_stay_in_the_corridor_and_meet_a_stop_without_an_offset():
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0), move(0.0, 6.0, 0.0)))
+    stopped = 0
+    for root in roots(m)[:6]:
+        for x in m.strokes(root):
+            assert np.linalg.norm(x.off[:3]) <= m.corridor.rad + 1e-9
+            assert np.linalg.norm(x.off[3:]) <= m.corridor.m + 1e-9
+            assert x.s <= m.path.stops[0], "no stroke goes through a stop"
+            if x.s == m.path.stops[0]:
+                stopped += 1
+                np.testing.assert_allclose(x.X, m.path.X_WO[m.path.stops[0], :3], atol=1e-9)
+            np.testing.assert_array_equal(x.move.q[0], root.q)
+            assert not np.ptp(x.move.q[:, ~x.touching], axis=0).any(), "who does not touch rests"
+    assert stopped
+
+
+# -- search
+
+
+@pytest.fixture(scope="module")
+def turned():
+    return searched(path(HAND, turn(60.0)))
+
+
+def test_a_state_at_the_goal_is_found_and_led_to(turned):
+    search, end = turned
+    assert end is not None
+    assert end.s == search.moves.path.ticks
+    assert not end.off.any()
+    np.testing.assert_allclose(end.X, search.moves.path.X_WO[-1, :3], atol=1e-9)
+    assert end.chain[0].parent is None
+    assert all(x.parent is before for before, x in zip(end.chain, end.chain[1:], strict=False))
+
+
+def test_the_same_seed_finds_the_same(turned):
+    search, end = turned
+    again, other = searched(path(HAND, turn(60.0)))
+    assert again.expansions == search.expansions
+    assert [x.q.tobytes() for x in other.chain] == [x.q.tobytes() for x in end.chain]
+
+
+def test_asked_again_it_finds_another_way(turned):
+    search, end = turned
+    search.restart()
+    other = search.run(60, time.monotonic() + 60.0)
+    assert other is not None
+    assert [x.q.tobytes() for x in other.chain] != [x.q.tobytes() for x in end.chain]
+
+
+def test_an_object_that_rests_needs_nothing_but_a_grasp():
+    search, end = searched(still(pose(START[HAND])))
+    assert end.parent is None
+    assert search.expansions == 0
+    search.restart()
+    assert search.run(60, time.monotonic() + 60.0).q.tobytes() != end.q.tobytes(), "not the same again"
+
+
+def test_roots_that_the_hand_cannot_get_to_are_left():
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
+    begin, asked = roots(m), []
+    search = Search(moves=m, able=lambda root: asked.append(root) or root in begin[-2:])
+    search.add(begin)
+    end = search.run(60, time.monotonic() + 60.0)
+    assert end.chain[0] in begin[-2:]
+    assert len({id(x) for x in asked}) == len(asked), "no root is asked twice"
+    never = Search(moves=m, able=lambda root: False)
+    never.add(roots(m))
+    assert never.run(60, time.monotonic() + 60.0) is None
+    assert never.exhausted
+
+
+def test_the_object_is_handed_over_to_the_fingers_wanted():
+    m = moves(HAND, PENCIL, still(pose(START[HAND])), Kinematic(2), fingers=frozenset({0, 1, 2}))
+    begin = roots(m, every=True)[:1]
+    _, end = searched(still(pose(START[HAND])), wanted=frozenset({0, 1, 3}), begin=begin, holding=Kinematic(2))
+    assert tuple(end.touching) == (True, True, False, True)
+    assert all(x.margins[-1] >= 0 for x in end.chain)
+
+
+def test_states_much_alike_share_a_niche():
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
+    search = Search(moves=m)
+    x = roots(m)[0]
+    twin = State(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching)
+    lifted = State(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching & (np.arange(4) > 0))
+    later = State(s=5.0, off=x.off, X=x.X, q=x.q, touching=x.touching)
+    m.evaluate([twin, lifted, later])
+    search.add([x, twin, lifted, later])
+    assert x.niche == twin.niche
+    assert len({x.niche, lifted.niche, later.niche}) == 3 - (not x.touching[0])
+
+
+def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():
+    everyone = frozenset(range(4))
+    m = moves(HAND, PENCIL, path(HAND, turn(360.0)), allowed=lambda touching: touching == everyone)
+    search = Search(moves=m)
+    search.add(roots(m))
+    assert search.run(10, time.monotonic() + 60.0) is None, "no finger may be lifted"
+    error = search.failure("timeout")
+    best = search.farthest
+    assert 0 < search.fraction < 1
+    assert error.status == "timeout"
+    assert error.evidence.progress == search.fraction
+    assert error.evidence.expansions == 10
+    assert error.evidence.mode == "1111"
+    assert error.evidence.finger in [f.name for f in m.clearance.hand.fingers]
+    assert error.evidence.constraint in ("reach", "balance")
+    np.testing.assert_array_equal(error.evidence.X_WO[:3], best.X)
+    assert f"{100 * search.fraction:.0f} %" in error.reason
