@@ -59,5 +59,5 @@ def swing(
         seed=0,
         versions={},
     )
-    certificate = Certificate(certified=certified, samples=1, worst={}, failures=[], plan_hash=plan.hash)
+    certificate = Certificate(certified=certified, samples=1, worst={}, failures=[], plan_hash=plan.hash).sealed()
     return msgspec.structs.replace(plan, certificate=certificate.sealed())

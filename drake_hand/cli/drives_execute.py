@@ -25,6 +25,7 @@ from drake_hand.epos.record import SUFFIX
 from drake_hand.epos.schedule import Excerpt, Schedule
 from drake_hand.epos.sim.process import SpawnedDrives, spawn_simulated_drives
 from drake_hand.errors import InputError
+from drake_hand.files import require_folder
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 
@@ -102,6 +103,8 @@ def execute(
         raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    if log:
+        require_folder(log)
     played = hand.only(_joints(found, fingers)) if fingers else hand
     excerpt, words = _excerpt(found, speed, to_part, step, pause)
     if dry_run:

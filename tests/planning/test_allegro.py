@@ -20,7 +20,7 @@ fingers:
 - {{name: thumb, tip: {{link: link_15.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
 defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 3, damping_nm_s_rad: 0.1}}
 """
-START = Pose(xyz_mm=(78.0, 8.0, -14.0), rpy_deg=(147.0, -13.0, -78.0))
+START = Pose(xyz_mm=(86.0, 10.0, 6.0), rpy_deg=(83.0, -84.0, -161.0))
 """One that `start: auto` finds."""
 
 

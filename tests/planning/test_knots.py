@@ -18,12 +18,11 @@ def leg(turn_deg: float = 40.0) -> Leg:
     return Leg(mode="1", q=np.stack([s, s**2], axis=1), X_WO=X, p_OP={"index": np.outer(s, [0.0, 0.01, 0.0])})
 
 
-def contacts(turn_deg: float, press: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One contact 20 mm from the axis that turns by so much, its normal along the axis: torsion does not help."""
+def contacts(turn_deg: float, press: float) -> tuple[np.ndarray, np.ndarray]:
+    """One contact 20 mm from the axis that turns by so much, and its force along the axis."""
     a = np.linspace(0.0, np.radians(turn_deg), KNOTS)
     p = 0.02 * np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)[:, None]
-    n = np.tile([[0.0, 0.0, 1.0]], (KNOTS, 1, 1))
-    return p, n, press * n
+    return p, press * np.tile([[0.0, 0.0, 1.0]], (KNOTS, 1, 1))
 
 
 def finer_of(turn_deg: float, press: float) -> list[Leg] | None:
@@ -36,14 +35,6 @@ def test_knots_are_added_where_torque_would_be_lost_between_them():
     (most,) = finer_of(80.0, 16.0)
     assert KNOTS < len(more.q) < len(most.q)
     assert len(most.q) - 1 == pytest.approx(4 * (len(more.q) - 1), rel=0.3), "what is lost goes with the square"
-
-
-def test_torsion_makes_up_for_what_lies_along_the_normals():
-    p, _, f = contacts(80.0, 1.0)
-    sideways = np.tile([[1.0, 0.0, 0.0]], (KNOTS, 1, 1)), np.tile([[0.0, 1.0, 0.0]], (KNOTS, 1, 1))
-    both = np.concatenate([*sideways], axis=1)
-    p, f = np.repeat(p, 2, axis=1), np.concatenate([f, 0 * f], axis=1)
-    assert finer([leg()], np.array([0, KNOTS - 1]), p, both, f, TORQUE) is None
 
 
 def test_a_resampled_leg_is_the_same_motion():
