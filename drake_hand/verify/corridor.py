@@ -16,7 +16,8 @@ def check_corridor(task: Task, states: States, stages: list[Stage], findings: Fi
 
     A step's nominal way leads from the goal of the step before to its own: straight on, turning evenly. The point of it
     that a sample is compared with is the nearest, but never one before that of an earlier sample. On a turn it is the
-    nearest in angle; where a way both turns and leads on, both count by the corridor's measure.
+    nearest in angle; where a way both turns and leads on, or leads round a point elsewhere, both count by the measure
+    of the corridor.
     """
     asked = task.options.corridor
     wide = asked if isinstance(asked, Corridor) else None
@@ -56,9 +57,23 @@ def beside(X_WO: np.ndarray, way: Stage, length: float, angle: float) -> tuple[n
         weight[1] = along @ along / length**2
         progress[1] = (p - way.X_from[:3, 3]) @ along / (along @ along)
     u = weight @ progress / max(weight.sum(), 1e-300)
+    if round_a_point and total > 0 and np.linalg.norm(np.cross(way.turn, way.X_from[:3, 3] - way.about)) > 1e-3 * total:
+        u = _nearest(u, R, p, way, length, angle)
     u = np.maximum.accumulate(np.clip(u, 0.0, 1.0))
     R_way = Rotation.from_rotvec(u[:, None] * way.turn)
     p_way = way.X_from[:3, 3] + u[:, None] * along
     if round_a_point:
         p_way = way.about + R_way.apply(way.X_from[:3, 3] - way.about)
     return np.linalg.norm(p - p_way, axis=1), (R_way.inv() * Rotation.from_matrix(R)).magnitude()
+
+
+def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: Stage, length: float, angle: float) -> np.ndarray:
+    """(k,) progress around a point beside the object, where position and rotation both count, near that in angle u."""
+    best, least = u, np.full(len(u), np.inf)
+    for step in np.linspace(-angle, angle, 121) / float(np.linalg.norm(way.turn)):
+        tried = np.clip(u + step, 0.0, 1.0)
+        R_way = Rotation.from_rotvec(tried[:, None] * way.turn)
+        shift = np.linalg.norm(p - way.about - R_way.apply(way.X_from[:3, 3] - way.about), axis=1)
+        far = np.maximum(shift / length, (R_way.inv() * Rotation.from_matrix(R)).magnitude() / angle)
+        best, least = np.where(far < least, tried, best), np.minimum(far, least)
+    return best
