@@ -27,6 +27,7 @@ def seek(tab, t: float) -> str:
     return "".join(tab.locator("#dh-mode b").all_inner_texts())
 
 
+@pytest.mark.slow  # half a minute a frame where the page is drawn in software beside other work
 def test_plays_shows_mode_and_time_and_answers_keys_and_clicks(page):
     with opened(page) as tab:
         tab.wait_for_function("viewer.animator.actions.length > 5 && viewer.animator.time > 0")
@@ -75,6 +76,7 @@ def test_plays_shows_mode_and_time_and_answers_keys_and_clicks(page):
 LARGE = pytest.param((1920, 1080), id="projector", marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [pytest.param((390, 844), id="phone"), pytest.param((1000, 700), id="laptop"), LARGE])
 def test_hand_fills_what_card_and_timeline_leave(page, size):
     with opened(page, size=size) as tab:
