@@ -415,7 +415,8 @@ def held_throughout(joints):
     contact = Contact(p_OP=[[0.0] * 3] * len(plan.parts[0].t))
     part = msgspec.structs.replace(plan.parts[0], mode="1", contacts={"all": contact})
     bare = msgspec.structs.replace(plan, parts=[part])
-    return msgspec.structs.replace(bare, certificate=msgspec.structs.replace(plan.certificate, plan_hash=bare.hash))
+    certificate = msgspec.structs.replace(plan.certificate, plan_hash=bare.hash).sealed()
+    return msgspec.structs.replace(bare, certificate=certificate)
 
 
 @pytest.mark.parametrize(("types", "decision"), [("epos2", "open"), ("epos4", "off"), ("epos1", "off"), ("mix", "off")])

@@ -38,7 +38,8 @@ def test_without_a_zero_nothing_is_played(virtual):
     away = swing(KANGUERA.joints, 0.5)
     part = msgspec.structs.replace(away.parts[0], q=(np.array(away.parts[0].q) + 0.3).tolist())
     away = msgspec.structs.replace(away, parts=[part])
-    away = msgspec.structs.replace(away, certificate=msgspec.structs.replace(away.certificate, plan_hash=away.hash))
+    certificate = msgspec.structs.replace(away.certificate, plan_hash=away.hash).sealed()
+    away = msgspec.structs.replace(away, certificate=certificate)
     with virtual(KANGUERA, q=np.full(15, 0.2), zeroed=False) as (bus, sim):
         assert shown(sim) == pytest.approx(np.zeros(15))
         with pytest.raises(Refused) as e:
