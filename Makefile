@@ -13,12 +13,10 @@ install: .venv/.installed
 demo: install
 	.venv/bin/drake-hand demo
 
-# Drives keep time: what runs on the bus must not share the machine with other tests.
-CLOCKED := tests/epos $(addprefix tests/cli/test_,drives_commands.py physics_in_step.py way_back.py)
-
+# What runs on the bus keeps time, and must not share the machine with other tests.
 test: install
-	$(PY) -m pytest -n 2 $(addprefix --ignore=,$(CLOCKED))
-	$(PY) -m pytest $(CLOCKED)
+	$(PY) -m pytest -n 2 -m "not (clocked or slow or benchmark)"
+	$(PY) -m pytest -m "clocked and not (slow or benchmark)"
 
 test-slow: install
 	$(PY) -m pytest -n 2 -m slow

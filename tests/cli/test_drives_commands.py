@@ -21,6 +21,7 @@ from drake_hand.epos.sim.faults import Fault, FaultsFile
 from drake_hand.epos.sim.process import spawn_simulated_drives
 
 KANGUERA = Drives.load()
+pytestmark = pytest.mark.clocked
 EXECUTE = ["execute", "--drives", "kanguera", "--trust", "--yes"]
 """Of plans made by hand, which no checker certifies."""
 

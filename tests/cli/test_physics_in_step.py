@@ -8,6 +8,8 @@ import pytest
 
 from drake_hand.cli import run
 
+pytestmark = pytest.mark.clocked
+
 
 @pytest.fixture(scope="module")
 def carry(tmp_path_factory) -> Path:

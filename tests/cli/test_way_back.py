@@ -20,6 +20,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.way import certify_way
 
+pytestmark = pytest.mark.clocked
 KANGUERA, HAND = Drives.load(), Hand.load()
 
 

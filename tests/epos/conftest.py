@@ -14,6 +14,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))  # swing, faul
 _channels = itertools.count()
 
 
+def pytest_itemcollected(item):
+    item.add_marker("clocked")
+
+
 @contextmanager
 def _virtual(drives, **options):
     """A bus for the master, and drives at the other end of it."""

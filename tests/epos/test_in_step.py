@@ -113,7 +113,7 @@ def test_what_pushes_a_joint_is_held_and_shows_as_current(tmp_path):
 
 def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
     """Its heartbeat is missed, and the drives stop by themselves."""
-    monkeypatch.setattr(in_step_module, "GONE_S", 0.3)
+    monkeypatch.setattr(in_step_module, "GONE_LOOKS", 30)
     drives, world = drives_of("epos2"), Springs()
 
     with in_step(drives, world, tmp_path, "gone") as (bus, sim, clock):

@@ -16,8 +16,10 @@ from drake_hand.epos.sim.motor import INERTIA
 
 STEP_S = 1e-3
 """Of the clock, and of what the motors move."""
-GONE_S = 3.0
-"""Seconds of the computer's time after which a SYNC that does not come is waited for no longer: the master is gone."""
+_LOOK_S = 0.01
+GONE_LOOKS = 300
+"""After so many looks for a SYNC that does not come, 3 s, it is waited for no longer: the master is gone. Looks, not
+seconds: when the computer stood still, the master did, too."""
 
 
 class World(Protocol):
@@ -46,14 +48,14 @@ def serve_in_step(
     reduction = np.array([d.direction * d.cable_ratio * d.gear for d in drives.drives])
     to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / INERTIA
     period = drives.bus.sync_ms * 1e-3
-    now, synced, since = 0.0, None, time.monotonic()
-    begun = since
+    now, synced, looks, begun = 0.0, None, 0, time.monotonic()
     while not stop.is_set():
         waiting = synced is not None and now >= synced + period - 1e-9
-        if waiting and time.monotonic() - since > GONE_S:
+        if waiting and looks >= GONE_LOOKS:
             synced, waiting = None, False
         # frames first; while waiting, for them
-        message = bus.recv(0.01 if waiting else 0)
+        message = bus.recv(_LOOK_S if waiting else 0)
+        looks += message is None
         while message is not None:
             if message.arbitration_id == SYNC_COB:
                 synced, waiting = now, False
@@ -63,7 +65,7 @@ def serve_in_step(
             continue
         if (ahead := now + STEP_S - (time.monotonic() - begun)) > 0:
             time.sleep(ahead)
-        now, since = now + STEP_S, time.monotonic()
+        now, looks = now + STEP_S, 0
         simulated.pass_time(now)
         motors = simulated.motors
         counts = np.array([m.position - m.origin for m in motors])
