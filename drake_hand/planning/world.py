@@ -13,7 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from drake_hand.contact import kernels as contact_kernels
+from drake_hand.contact.kernels.geometry import solid
+from drake_hand.contact.kernels.rolling import chains as chains_of
 from drake_hand.model.object import Geometry
 from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
@@ -36,7 +37,7 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         clearance: of the scene.
         pivot: the paper's contact model instead of rolling.
     """
-    chains = contact_kernels.chains(clearance.kinematics)
+    chains = chains_of(clearance.kinematics)
     still = clearance.still_shapes
     first, spheres = [0], [0]
     axis, p, r, tips, p_sphere, r_sphere, keep = [], [], [], [], [], [], []
@@ -73,8 +74,8 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
     nowhere = Geometry(kind="sphere", X_OG=np.eye(4), size=(0.0,))
     return kernels.World(
         chains=chains,
-        object=contact_kernels.solid(clearance.surface.geometries),
-        palm=contact_kernels.solid(still or (replace(nowhere, X_OG=_far()),)),
+        object=solid(clearance.surface.geometries),
+        palm=solid(still or (replace(nowhere, X_OG=_far()),)),
         cover=cover if still else cover._replace(still=np.zeros((len(r), 1), dtype=np.bool_)),
         p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
         clearance=CLEARANCE,

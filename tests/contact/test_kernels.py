@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact import kernels
 from drake_hand.contact.chain import FingerKinematics, material_jacobian
+from drake_hand.contact.kernels import geometry, rolling
 from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Geometry, Object
@@ -32,26 +32,26 @@ SHAPES["gem on a stick"] = (gem(), *SHAPES["pencil_r8"])
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_closest_points_and_edges_are_those_of_the_surface(name):
-    surface, solid = Surface(SHAPES[name]), kernels.solid(SHAPES[name])
+    surface, solid = Surface(SHAPES[name]), geometry.solid(SHAPES[name])
     p = np.random.default_rng(0).uniform(1.3 * solid.low, 1.3 * solid.high, (400, 3))
     foot, n, d = surface.closest(p)
-    found = np.array([kernels.closest(solid, *x, np.inf) for x in p])
+    found = np.array([geometry.closest(solid, *x, np.inf) for x in p])
     assert (d < 0).any()
     assert (d > 0).any()
     np.testing.assert_allclose(found[:, 6], d, atol=1e-9)
     np.testing.assert_allclose(found[:, :3], foot, atol=1e-9)
     np.testing.assert_allclose(found[:, 3:6], n, atol=1e-7)  # the point may be as near as 1e-9 to its foot
-    edge = [kernels.edge_distance(solid, *x) for x in foot]
+    edge = [geometry.edge_distance(solid, *x) for x in foot]
     np.testing.assert_allclose(edge, surface.edge_distance(foot), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_beyond_what_is_near_only_a_lower_bound_is_promised(name):
-    solid = kernels.solid(SHAPES[name])
+    solid = geometry.solid(SHAPES[name])
     p = np.random.default_rng(1).uniform(2 * solid.low, 2 * solid.high, (200, 3))
     near = 5e-3
     for x in p:
-        exact, quick = kernels.closest(solid, *x, np.inf)[6], kernels.closest(solid, *x, near)[6]
+        exact, quick = geometry.closest(solid, *x, np.inf)[6], geometry.closest(solid, *x, near)[6]
         assert quick <= exact + 1e-12
         assert quick == pytest.approx(exact, abs=1e-12) or quick > near
 
@@ -60,15 +60,15 @@ def test_beyond_what_is_near_only_a_lower_bound_is_promised(name):
 def test_frames_tips_and_jacobians_are_those_of_the_chain(hand):
     hand = Hand.load(hand)
     chains = [FingerKinematics.of(hand, f) for f in hand.fingers]
-    c = kernels.chains(chains)
+    c = rolling.chains(chains)
     p, R, rng = np.zeros((len(c.R), 3)), np.zeros((len(c.R), 3, 3)), np.random.default_rng(0)
     for f, kin in enumerate(chains):
         for q in rng.uniform(kin.lower, kin.upper, (20, len(kin.lower))):
-            kernels.frames(c, f, q, p, R)
+            rolling.frames(c, f, q, p, R)
             p_WC, _, J, Jw = kin.jacobian(q[None])
-            np.testing.assert_allclose(kernels.tip(c, f, p, R), p_WC[0], atol=1e-9)
+            np.testing.assert_allclose(rolling.tip(c, f, p, R), p_WC[0], atol=1e-9)
             lever = kin.finger.radius * np.array([0.6, 0.0, 0.8])
             found = np.zeros((3, c.lower.shape[1]))
-            kernels.jacobian(c, f, p, R, *(p_WC[0] - lever), found)
+            rolling.jacobian(c, f, p, R, *(p_WC[0] - lever), found)
             np.testing.assert_allclose(found[:, : len(q)], material_jacobian(J, Jw, lever[None])[0], atol=1e-9)
             assert not found[:, len(q) :].any()

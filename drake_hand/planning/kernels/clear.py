@@ -7,7 +7,8 @@ import math
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels import closest, closest_of, frames
+from drake_hand.contact.kernels.geometry import closest, closest_of
+from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, WORLD, scratch
 
 

@@ -9,7 +9,7 @@ from numba import boolean, float64
 
 from drake_hand.compiled import njit
 from drake_hand.contact.equilibrium import margin
-from drake_hand.contact.kernels import jacobian, touch
+from drake_hand.contact.kernels.rolling import jacobian, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numba import boolean, float64, int64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels import edge_distance, jacobian, least_squares, rates, tip, touch
+from drake_hand.contact.kernels.geometry import edge_distance
+from drake_hand.contact.kernels.rolling import jacobian, least_squares, rates, tip, touch
 from drake_hand.contact.rolling import BEND, KINK, SLIP, STEP
 from drake_hand.planning.kernels.clear import collides, into, off_object, off_palm, place
 from drake_hand.planning.kernels.hold import contact_at, held

@@ -8,7 +8,7 @@ import numpy as np
 from numba import boolean, float64, int64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels import frames, jacobian, least_squares, tip
+from drake_hand.contact.kernels.rolling import frames, jacobian, least_squares, tip
 from drake_hand.planning.kernels.clear import clear_alone, place
 from drake_hand.planning.kernels.world import SEEDS, WORLD, scratch
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from drake_hand.compiled import njit
 from drake_hand.contact.equilibrium import workspace
-from drake_hand.contact.kernels import Chains, Solid
+from drake_hand.contact.kernels.geometry import Solid
+from drake_hand.contact.kernels.rolling import Chains
 
 END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE = range(8)
 """What ends a stroke."""

@@ -1,0 +1,1 @@
+"""What the planner asks millions of times of fingers and surfaces, compiled."""
