@@ -19,7 +19,8 @@ test: install
 	$(PY) -m pytest -m "clocked and not (slow or benchmark)"
 
 test-slow: install
-	$(PY) -m pytest -n 2 -m slow
+	$(PY) -m pytest -n 2 -m "slow and not clocked"
+	$(PY) -m pytest -m "slow and clocked"
 
 bench: install
 	$(PY) -m pip install --quiet -c constraints.txt -e '.[dev,bench]'

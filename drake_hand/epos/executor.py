@@ -25,7 +25,6 @@ from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.person import AGREES, Person
 from drake_hand.epos.player import Player
 from drake_hand.epos.preflight import Refused, check
-from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError, DriveTimeout
@@ -201,7 +200,7 @@ def _play(
     player = Player(schedule, master.send, master.clock.tell)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     wants_open = False
-    with quiet_interpreter(), _signals(player, _touching(plan) if hold else []):
+    with _signals(player, _touching(plan) if hold else []):
         master.attach(player, schedule.period)
         failure: BaseException | None = None
         try:

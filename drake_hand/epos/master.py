@@ -118,7 +118,8 @@ class Master:
 
     Args:
         bus: open; stays the caller's to shut down.
-        heartbeat_s: period of the master's own heartbeat; none if not given.
+        heartbeat_s: period of the master's own heartbeat; none if not given. Whoever keeps one has a quiet interpreter:
+            drives that watch it stop when something else in this process holds it up.
         clock: of SYNC, heartbeats and everything that waits for them.
     """
 
@@ -136,15 +137,19 @@ class Master:
         self.clock = clock
         self._next_heartbeat = clock.now()
         self._closing = threading.Event()
+        self._quiet = contextlib.ExitStack()
         self._thread = threading.Thread(target=self._run, name="can-bus", daemon=True)
 
     def __enter__(self) -> Master:
+        if self._heartbeat_s:
+            self._quiet.enter_context(realtime.quiet_interpreter())
         self._thread.start()
         return self
 
     def __exit__(self, *exc: object) -> None:
         self._closing.set()
         self._thread.join(_CLOSE_S)
+        self._quiet.close()
 
     # Frames, NMT and SDO: from any thread
 

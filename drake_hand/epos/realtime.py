@@ -27,14 +27,13 @@ def _set(thread: int, priority: int) -> bool:
 
 @contextmanager
 def quiet_interpreter() -> Iterator[None]:
-    """While a motion runs, keeps everything else in this process from holding the interpreter for long.
+    """While others depend on a bus thread, keeps the rest of this process from holding the interpreter for long.
 
-    No garbage collection over what exists already; short turns; and real-time priority for every thread, since one
+    No garbage collection over what exists already (a second, in a program that has loaded much); short turns; and real-time priority for every thread, since one
     that waits for a processor while it holds the interpreter would hold up the bus thread too.
     """
     switch = sys.getswitchinterval()
     raised = [thread for thread in _ordinary_threads() if _set(thread, _REST_PRIORITY)]
-    gc.collect()
     gc.freeze()
     sys.setswitchinterval(_SWITCH_S)
     try:

@@ -20,7 +20,6 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.way import certify_way
 
-pytestmark = pytest.mark.clocked
 KANGUERA, HAND = Drives.load(), Hand.load()
 
 
@@ -86,6 +85,7 @@ def test_where_the_object_stands_in_the_way_there_is_none(plan, trajectory):
         way("kanguera", HAND.joints, start, plan=plan, object_there=True)
 
 
+@pytest.mark.clocked
 def test_from_mid_plan_home_and_back_to_its_start(plan, trajectory, capsys):
     stopped = trajectory.at(trajectory.plan.duration / 2).q_command[0][KANGUERA.columns(HAND.joints)]
 

@@ -110,6 +110,7 @@ def responder(drive, bus: can.BusABC):
         network.stop()
 
 
+@pytest.mark.clocked
 def test_the_master_configures_a_durand_responder_and_exchanges_pdos_with_it():
     drive = replace(drives_of("epos4").drives[0], node=9)
     place = DRIVES.bus.arguments("udp_multicast", f"239.74.163.2:{free_port()}")

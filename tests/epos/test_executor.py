@@ -31,6 +31,8 @@ from drake_hand.epos.state import State, decode_state
 from drake_hand.errors import DriveError
 from drake_hand.plans.plan import Contact
 
+pytestmark = pytest.mark.clocked
+
 KANGUERA = Drives.load()
 COUNT_DEG = 180 / 1088
 

@@ -3,6 +3,8 @@
 import pytest
 from fault_table import CASES, Outcome, run_case
 
+pytestmark = pytest.mark.clocked
+
 SYNC_MS = 20
 """Twice the usual, which leaves a busy machine some room."""
 ids = [c.name for c in CASES]

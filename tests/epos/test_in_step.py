@@ -19,6 +19,8 @@ from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import serve_in_step
 from drake_hand.epos.state import State
 
+pytestmark = pytest.mark.clocked
+
 
 class Springs:
     """Joints that hang on their motors by springs and are pushed; as slow to compute as it is told."""

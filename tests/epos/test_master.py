@@ -11,6 +11,8 @@ from drake_hand.epos.sim.faults import Fault
 from drake_hand.epos.state import Control
 from drake_hand.errors import DriveError
 
+pytestmark = pytest.mark.clocked
+
 DRIVES = drives_of("mix")
 
 

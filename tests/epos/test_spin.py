@@ -11,7 +11,7 @@ from drake_hand.epos.sim.motor import LAG_S
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.plans.plan import Plan
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.clocked]
 COUNT_DEG = 180 / 1088
 
 

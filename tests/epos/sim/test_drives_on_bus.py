@@ -22,6 +22,8 @@ from drake_hand.epos.sim.timeline import read_timeline
 from drake_hand.epos.state import State
 from drake_hand.errors import DriveError, InputError
 
+pytestmark = pytest.mark.clocked
+
 KANGUERA = Drives.load()
 TYPES = {
     "u8": datatypes.UNSIGNED8,
