@@ -6,6 +6,7 @@ nothing to compile to anyone who uses it, also where they may write nowhere.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import shutil
@@ -43,6 +44,7 @@ def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable],
         kernel = numba.njit(nogil=True, error_model="numpy")(function)
         if _keep(kernel):
             _copy_ready(kernel)
+            _forget_unreadable(kernel)
         if signature is not None:
             kernel.compile(signature)
             kernel.disable_compile()
@@ -110,6 +112,15 @@ def _copy_ready(kernel: Any) -> None:
         part = kept / f".{os.getpid()}.{file.name}"
         shutil.copyfile(file, part)
         os.replace(part, kept / file.name)
+
+
+def _forget_unreadable(kernel: Any) -> None:
+    """Discards code kept for an earlier version whose types are gone: numba fails on it instead of seeing its age."""
+    try:
+        kernel._cache._cache_file._load_index()
+    except Exception:  # whatever unpickling it raises
+        with contextlib.suppress(OSError):
+            kernel._cache.flush()
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ LIGHTNESS = 200.0
 """Weight of squared deviations from the preload where a contact slides: the lighter, the less it drags along."""
 _FADE = 0.8
 """What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
-_DAMPING = 2e-3
+_DAMPING = 5e-4
 """Of least squares near singular postures, m."""
 
 

@@ -68,7 +68,7 @@ class Surface:
         return p[outside], n[outside]
 
     def edge_distance(self, p_OS: np.ndarray) -> np.ndarray:
-        """How far surface points are from the nearest edge of a primitive, m (N,); inf where there is none."""
+        """How far surface points are from the nearest sharp edge, m (N,); inf where there is none."""
         return np.stack([_edge_distance(g, p_OS) for g in self.geometries]).min(axis=0)
 
     def curvature(self, p_O: np.ndarray, *, step: float = 1e-5) -> np.ndarray:
@@ -349,4 +349,8 @@ def _edge_distance(g: Geometry, p_OS: np.ndarray) -> np.ndarray:
     if g.kind == "box":
         gaps = np.sort(np.asarray(g.size) / 2 - np.abs(p), axis=1)
         return np.hypot(gaps[:, 0], gaps[:, 1])
-    return np.full(len(p), np.inf)
+    least = np.full(len(p), np.inf)
+    for a, b in g.sharp_edges:
+        share = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        least = np.minimum(least, np.linalg.norm(p - a - share[:, None] * (b - a), axis=1))
+    return least

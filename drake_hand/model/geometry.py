@@ -21,6 +21,10 @@ Pieces = Callable[[Path, tuple[float, float, float]], Sequence[tuple[np.ndarray,
 """From a mesh file and its scale to convex pieces: (V, 3) vertices and (F, 3) outward faces of each."""
 
 
+SHARP = np.radians(30.0)
+"""Edges of meshes at which the surface turns by less are the facets of something smooth."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
     """One convex collision geometry, in its frame G (O is the object's frame, or a link's)."""
@@ -47,6 +51,16 @@ class Geometry:
             cap = {"sphere": r, "capsule": r, "cylinder": 0.0}[self.kind]
             half = np.array([r, r, cap + (self.size[1] / 2 if len(self.size) > 1 else 0.0)])
         return np.stack([half, -half])
+
+    @cached_property
+    def sharp_edges(self) -> np.ndarray:
+        """(E, 2, 3) ends in G of a mesh's edges at which its surface turns by `SHARP` or more."""
+        if self.kind != "mesh":
+            return np.zeros((0, 2, 3))
+        import trimesh
+
+        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
+        return self.vertices[mesh.face_adjacency_edges[mesh.face_adjacency_angles >= SHARP]].reshape(-1, 2, 3)
 
     @cached_property
     def box_O(self) -> np.ndarray:

@@ -26,6 +26,8 @@ SPACING, MOST = 3.0e-3, 2000
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 STOPS = 6
 """Free postures a finger is offered."""
+DEXTERITY = 3.0e-3
+"""Least singular value of the Jacobian of a tip that holds, m/rad."""
 POLYHEDRON_SUBSTEPS = 3
 """Rolling steps between two poses on polyhedra, where contacts move in jerks."""
 
@@ -101,6 +103,7 @@ def load(holding: Holding, min_contacts: int) -> kernels.Load:
             friction=float(holding.friction),
             torsion_radius=float(holding.torsion_radius),
             preload=float(holding.preload),
+            dexterity=DEXTERITY,
             effort=holding.effort,
         )
     assert isinstance(holding, Kinematic)
@@ -111,6 +114,7 @@ def load(holding: Holding, min_contacts: int) -> kernels.Load:
         friction=1.0,
         torsion_radius=0.0,
         preload=0.0,
+        dexterity=0.0,
         effort=np.ones((1, 1)),
     )
 

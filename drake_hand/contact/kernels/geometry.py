@@ -33,6 +33,10 @@ class Solid(NamedTuple):
     """(T, 3, 3) of the triangles, m."""
     normals: np.ndarray
     """(T, 3)."""
+    first_edge: np.ndarray
+    """(G + 1,) a mesh's first sharp edge."""
+    edges: np.ndarray
+    """(E, 2, 3) ends of those, m."""
     low: np.ndarray
     """(3,) of the box around all of it, m."""
     high: np.ndarray
@@ -53,6 +57,8 @@ def solid(geometries: tuple[Geometry, ...]) -> Solid:
         first=np.cumsum([0] + [len(c) for c in corners]),
         corners=np.ascontiguousarray(T),
         normals=np.ascontiguousarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
+        first_edge=np.cumsum([0] + [len(g.sharp_edges) for g in geometries]),
+        edges=np.ascontiguousarray(np.concatenate([g.sharp_edges for g in geometries])),
         low=box.min(axis=0),
         high=box.max(axis=0),
     )
@@ -220,12 +226,25 @@ def _triangle(px, py, pz, T):
 
 
 @njit()
+def _segment(a, b, x, y, z):
+    """How far a point is from the line between a and b (3,)."""
+    along, length = 0.0, 0.0
+    for i, v in enumerate((x, y, z)):
+        along += (v - a[i]) * (b[i] - a[i])
+        length += (b[i] - a[i]) ** 2
+    share, d = min(max(along / length, 0.0), 1.0), 0.0
+    for i, v in enumerate((x, y, z)):
+        d += (v - a[i] - share * (b[i] - a[i])) ** 2
+    return math.sqrt(d)
+
+
+@njit()
 def edge_distance(s, x, y, z):
-    """How far a surface point is from the nearest edge of a primitive, m; inf where there is none."""
+    """How far a surface point is from the nearest sharp edge, m; inf where there is none."""
     least = np.inf
     for g in range(len(s.kind)):
         kind, size, R, t = s.kind[g], s.size[g], s.R[g], s.p[g]
-        if kind != 2 and kind != 3:
+        if kind != 2 and kind != 3 and s.first_edge[g] == s.first_edge[g + 1]:
             continue
         dx, dy, dz = x - t[0], y - t[1], z - t[2]
         px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
@@ -233,9 +252,13 @@ def edge_distance(s, x, y, z):
         pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
         if kind == 2:
             d = math.hypot(math.hypot(px, py) - size[0], abs(pz) - size[1] / 2)
-        else:
+        elif kind == 3:
             a, b, c = size[0] / 2 - abs(px), size[1] / 2 - abs(py), size[2] / 2 - abs(pz)
             low, high = min(a, b, c), max(a, b, c)
             d = math.hypot(low, a + b + c - low - high)
+        else:
+            d = np.inf
+            for e in range(s.first_edge[g], s.first_edge[g + 1]):
+                d = min(d, _segment(s.edges[e, 0], s.edges[e, 1], px, py, pz))
         least = min(least, d)
     return least

@@ -153,6 +153,26 @@ def least_squares(J, m, bx, by, bz, damping, x):
 
 
 @njit()
+def dexterous(J, m, least):
+    """Whether the singular values of J (3, m) are all at least so much; true where m < 3 joints leave one at zero."""
+    if m < 3:
+        return True
+    d = -least * least
+    m00, m11, m22, m01, m02, m12 = d, d, d, 0.0, 0.0, 0.0
+    for j in range(m):
+        a, b, c = J[0, j], J[1, j], J[2, j]
+        m00 += a * a
+        m11 += b * b
+        m22 += c * c
+        m01 += a * b
+        m02 += a * c
+        m12 += b * c
+    minor = m00 * m11 - m01 * m01
+    det = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02) + m02 * (m01 * m12 - m11 * m02)
+    return m00 > 0.0 and minor > 0.0 and det > 0.0
+
+
+@njit()
 def touch(c, s, f, q, X, p, R):
     """Where finger f at q (m,) is nearest to an object at X (3, 4).
 

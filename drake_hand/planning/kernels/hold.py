@@ -9,7 +9,7 @@ from numba import boolean, float64
 
 from drake_hand.compiled import njit
 from drake_hand.contact.equilibrium import margin
-from drake_hand.contact.kernels.rolling import jacobian, touch
+from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
 
@@ -39,6 +39,9 @@ def held(w, load, mask, X, s):
         return float(count - load.min_contacts)
     if load.kinematic:
         return 0.5 * (1.0 - math.sqrt(nx * nx + ny * ny + nz * nz) / max(count, 1))
+    for f in range(len(mask)):
+        if mask[f] and not dexterous(s.JP[f], w.chains.joints[f], load.dexterity):
+            return -1.0
     o = w.p_OCom
     com = s.force
     for i in range(3):

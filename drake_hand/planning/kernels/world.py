@@ -83,6 +83,8 @@ class Load(NamedTuple):
     friction: float
     torsion_radius: float
     preload: float
+    dexterity: float
+    """Least singular value of the Jacobians of tips that hold, m/rad: below, offsets bring about no such forces."""
     effort: np.ndarray
     """(n, m) Nm."""
 
@@ -152,14 +154,15 @@ def _types() -> tuple[numba.types.Type, ...]:
         floats(0, 0), floats(0, 0),
     )  # fmt: skip
     solid = Solid(
-        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), floats(3), floats(3)
-    )
+        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), ints, floats(0, 2, 3),
+        floats(3), floats(3),
+    )  # fmt: skip
     cover = Cover(
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), np.zeros((0, 0), dtype=np.bool_),
         floats(0, 3), floats(0),
     )  # fmt: skip
     world = World(chains, solid, solid, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0, 0))
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds))
 
