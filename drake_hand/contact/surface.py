@@ -10,6 +10,9 @@ import numpy as np
 from drake_hand.contact.chain import cross
 from drake_hand.model.object import Geometry, Object
 
+SAME_M, SAME_COS = 1.0e-5, 0.9999
+"""How far a surface may be off another that is taken for the same, in place, and in direction as a cosine."""
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -173,6 +176,19 @@ class Surface:
             )
 
         return all(on_line(g) and revolves(g) for g in self.geometries)
+
+    def same_after(self, X_OO: np.ndarray) -> bool:
+        """Whether the surface, moved by X_OO (4, 4), is where it was."""
+        p, n = self._all_over
+        R = X_OO[:3, :3]
+        _, n_O, off = self.closest(p @ R.T + X_OO[:3, 3])
+        return bool(np.abs(off).max() < SAME_M and np.einsum("ni,ni->n", n_O, n @ R.T).min() > SAME_COS)
+
+    @cached_property
+    def _all_over(self) -> tuple[np.ndarray, np.ndarray]:
+        p, n = self.sample(float(np.sort(self.extent)[0]) / 8)
+        inside = self.edge_distance(p) > 10 * SAME_M
+        return p[inside], n[inside]
 
 
 def _closest(g: Geometry, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -259,6 +259,26 @@ class Moves:
         self.evaluate(out)
         return [x for x in out if x.margins[-1] >= 0]
 
+    def between(self, before: State, after: State, finger: int) -> Switch | None:
+        """The move of a finger to where it is in another state: to a contact, or to where it waits."""
+        return self.switch(before, after, finger) if after.touching[finger] else self._retreat(before, after, finger)
+
+    def _retreat(self, before: State, after: State, finger: int) -> Switch | None:
+        """The move of a finger to where it waits."""
+        found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
+        touches, normal = bool(before.touching[finger]), before.n_W[finger]
+        args = self.world, finger, before.X, before.q, before.q[finger], touches, normal
+        transit.retreats(*args, HEIGHTS, stop, STEP, found)
+        if found[0] < 0:
+            return None
+        pieces, start = [], before.q[finger]
+        if touches:
+            pieces.append(self._lift(before, finger, start, normal, int(found[0])))
+            start = pieces[0][-1]
+        pieces.append(_straight(start, after.q[finger]))
+        m = len(self.clearance.kinematics[finger].lower)
+        return Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
+
     def _transits(self, state: State, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
         """(N, 3) as `transit.transits` finds them."""
         found = np.zeros((len(q), 3), dtype=np.int64)
@@ -306,9 +326,7 @@ class Moves:
         if move.landing >= 0:
             down = self._lift(before, f, after.q[f], after.n_W[f], move.landing)[::-1]
             points.append(down[0])
-        for a, b in itertools.pairwise(points):
-            n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
-            pieces.append(a + np.linspace(0, 1, n)[:, None] * (b - a))
+        pieces += [_straight(a, b) for a, b in itertools.pairwise(points)]
         pieces += [down] if down is not None else []
         return tuple(piece[:, :m] for piece in pieces)
 
@@ -353,7 +371,7 @@ class Moves:
 
         Towards the next stop, if it is as near as that, the offset fades, as it has to; after it there is none.
         """
-        stops, end = np.array(self.path.stops), self.path.ticks
+        stops, end = np.array(self.path.marks), self.path.ticks
         stop = stops[np.minimum(np.searchsorted(stops, s + 1e-9, side="right"), len(stops) - 1)]
         left = np.maximum(np.maximum(stop - s, offset_ticks(off)), 0.0)
         to_stop = np.ceil(left / COARSE)
@@ -395,6 +413,12 @@ class Moves:
         able, poses = np.zeros(len(q), dtype=bool), np.repeat(X[None], len(q), axis=0)
         split(lambda r: clear.clear(self.world, poses[r], q[r], touching[r], able[r]), len(q))
         return able
+
+
+def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The straight way (k, m) in joint space."""
+    n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
+    return a + np.linspace(0, 1, n)[:, None] * (b - a)
 
 
 def offset_ticks(off: np.ndarray) -> np.ndarray:

@@ -41,6 +41,8 @@ class ObjectPath:
     """(K + 1, 4, 4) samples ("ticks")."""
     stops: tuple[int, ...]
     """Ticks at which the object comes to rest: the ends of steps, the last included."""
+    pauses: tuple[int, ...] = ()
+    """Ticks at which it is back on its nominal way, where a search lets it leave that."""
     axis_W: np.ndarray | None = None
     """(3,) if the whole path is one rotation about a line: its axis ..."""
     point_W: np.ndarray | None = None
@@ -54,9 +56,19 @@ class ObjectPath:
         """Index of the last sample."""
         return len(self.X_WO) - 1
 
+    @cached_property
+    def marks(self) -> tuple[int, ...]:
+        """Stops and pauses."""
+        return tuple(sorted({*self.stops, *self.pauses}))
+
+    @property
+    def angle(self) -> float:
+        """By how much the object turns all in all, rad."""
+        return float(np.linalg.norm(self._between[0], axis=1).sum())
+
     def next_stop(self, s: float) -> int:
-        """The first stop after progress s, ticks; the last one at the end."""
-        return next((stop for stop in self.stops if stop > s + 1e-9), self.ticks)
+        """The first stop or pause after progress s, ticks; the last one at the end."""
+        return next((mark for mark in self.marks if mark > s + 1e-9), self.ticks)
 
     def beside(self, s: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Poses (..., 3, 4) at progress s (...) with offsets (..., 6) from the nominal way.

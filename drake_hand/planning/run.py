@@ -6,8 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,10 +24,12 @@ from drake_hand.planning.legs import LegBuilder, follow
 from drake_hand.planning.moves import Corridor, Moves
 from drake_hand.planning.object_path import MOVING, ObjectPath, build, pose, still
 from drake_hand.planning.park import park
+from drake_hand.planning.period import Period
 from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Progress, Search
 from drake_hand.planning.state import State, by_finger
-from drake_hand.planning.world import CORES, Grid, at_once, load, world
+from drake_hand.planning.turns import Attempt, in_turn
+from drake_hand.planning.world import Grid, load, world
 from drake_hand.plans.path import Path
 from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
@@ -42,8 +43,6 @@ FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
 STARTS = 6
 """Start poses searched from."""
-SLICE = 20
-"""States expanded before it is another search's turn."""
 GAITS = 3
 """Start poses for which a periodic gait is looked for."""
 USABLE = 8
@@ -231,40 +230,40 @@ class Run:
             NoPlanFound: there is none, or no further one.
         """
         failures: list[NoPlanFound] = []
-        open_: list[tuple[Task, LegBuilder, Search]] = []
+        attempts: list[Attempt] = []
         for k, task in enumerate(tasks):
             builder = begun.copy() if begun else self._builder(task)
             try:
                 with self.stage("grasp"):
-                    open_.append((task, builder, self._first_search(task, builder, wanted, moving)))
+                    attempts.append(self._attempt(task, builder, wanted, moving))
             except NoPlanFound as e:
                 failures.append(e)
             self.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
             if time.monotonic() > self.deadline:
                 break
-        open_.sort(key=lambda x: -x[2].farthest.score)  # type: ignore[union-attr]
-        for task, builder, search in open_[:GAITS]:
-            end = self._gait(task, builder, search)
+        attempts.sort(key=lambda x: -x.search.farthest.score)  # type: ignore[union-attr]
+        for x in attempts[:GAITS]:
+            end = self._gait(x)
             if end is not None:
-                yield task, self._built(builder, search.moves, end)
-        yield from self._in_turn(open_[:STARTS], failures)
+                yield x.task, self._built(x.builder, x.search.moves, end)
+        yield from self._in_turn(attempts[:STARTS], failures)
 
-    def _first_search(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> Search:
+    def _attempt(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> Attempt:
         """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
         path = self._path(builder.X_WO, moving)
         grasp.check_palm(self.scene, self.clearance, path)
         named = [self.hand.finger(name).index for name in wanted.fingers or ()]
         steps.settle(builder, self.clearance, park(self.clearance, still(builder.X_WO), range(len(self.hand.fingers))))
+        period = Period.of(path, self.clearance.surface, self.clearance.p_OCom)
+        if period is not None:
+            path = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
         moves = self._moves(task, path, frozenset(named or range(len(self.hand.fingers))))
-        q = by_finger(self.hand, builder.q)
-        roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
         search = Search(
-            moves=moves,
-            able=lambda root: self._closed(builder.copy(), root),
-            progress=self.progress,
+            moves=moves, period=period, able=lambda root: self._closed(builder.copy(), root), progress=self.progress
         )
-        search.add(roots)
-        return search
+        q = by_finger(self.hand, builder.q)
+        search.add(grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power"))
+        return Attempt(task=task, builder=builder, search=search)
 
     def _closed(self, builder: LegBuilder, root: State) -> bool:
         """Closes the fingers on a grasp, if that can be done without a collision."""
@@ -301,7 +300,7 @@ class Run:
             raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
         search = Search(moves=moves, wanted=named, progress=self.progress)
         search.add([root])
-        for _, after in self._in_turn([(task, builder, search)], []):
+        for _, after in self._in_turn([Attempt(task=task, builder=builder, search=search)], []):
             yield after
 
     def _usable(self, task: Task) -> frozenset[int]:
@@ -311,38 +310,29 @@ class Run:
             return frozenset(range(len(self.hand.fingers)))
         return frozenset(self.hand.finger(name).index for g in grasps for name in g.fingers or ())
 
-    def _in_turn(
-        self, open_: list[tuple[Task, LegBuilder, Search]], failures: list[NoPlanFound]
-    ) -> Iterator[tuple[Task, LegBuilder]]:
-        """Ways that some searches find, each given the more effort the farther it got."""
-        found = False
-        while open_:
-            live = [x for x in open_ if not x[2].exhausted]
-            if not live or time.monotonic() > self.deadline:
-                break
-            live.sort(key=lambda x: (x[2].expansions + 1) / (0.1 + x[2].fraction) ** 4)
-            before = sum(x[2].expansions for x in open_)
+    def _in_turn(self, attempts: list[Attempt], failures: list[NoPlanFound]) -> Iterator[tuple[Task, LegBuilder]]:
+        """Ways that some searches find."""
+        rounds = in_turn(attempts, failures, lambda: time.monotonic() > self.deadline, self.deadline)
+        while True:
+            before = sum(x.search.expansions for x in attempts)
             with self.stage("search"):
-                ends = at_once([partial(x[2].run, SLICE, self.deadline) for x in live[:CORES]])
-            self.expansions += sum(x[2].expansions for x in open_) - before
-            for (task, builder, search), end in zip(live, ends, strict=False):
-                if end is not None:
-                    found = True
-                    yield task, self._built(builder, search.moves, end)
-                    search.restart()  # what was found did not do, nor would what is much like it
-        late = time.monotonic() > self.deadline
-        failures += [x[2].failure("timeout" if late else "infeasible") for x in open_]
-        if not found or late:
-            raise max(failures, key=lambda e: e.progress)
+                done = next(rounds, None)
+            self.expansions += sum(x.search.expansions for x in attempts) - before
+            if done is None:
+                return
+            for x, end in done:
+                yield x.task, self._built(x.builder, x.search.moves, end)
 
-    def _gait(self, task: Task, builder: LegBuilder, search: Search) -> State | None:
+    def _gait(self, attempt: Attempt) -> State | None:
         """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
+        task, builder, search = attempt.task, attempt.builder, attempt.search
         moves = search.moves
-        if moves.path.axis_W is None or moves.path.ticks <= max(gait.STROKES):
+        path = moves.path
+        if path.axis_W is None or path.ticks <= max(gait.STROKES):
             return None
         with self.stage("gait"):
             q = by_finger(self.hand, builder.q)
-            table = ReachTable(self.clearance, moves.path, task.options.model)
+            table = ReachTable(self.clearance, path, task.options.model)
             if not table.symmetric:
                 return None
             fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]

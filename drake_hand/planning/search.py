@@ -18,6 +18,7 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves, offset_ticks
+from drake_hand.planning.period import Period
 from drake_hand.planning.state import State
 
 BIN = 2.0
@@ -59,6 +60,8 @@ class Search:
     moves: Moves
     wanted: frozenset[int] | None = None
     """Fingers that are to touch in the end, no others; any that hold the object if not given."""
+    period: Period | None = None
+    """Of the way: once a state has come back, the way there is repeated."""
     able: Callable[[State], bool] = lambda root: True
     """Whether the hand can get to a root; asked before the first is expanded."""
     progress: Callable[[Progress], None] = lambda p: None
@@ -115,6 +118,7 @@ class Search:
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
+            children += self._repeated(children)
             done = [x for x in children if self._progress(x) >= goal - 1e-9 and self._founded(x)]
             self.add(children)
             self._tell()
@@ -165,6 +169,13 @@ class Search:
         elif rng.random() < RETREAT:
             children += self.moves.retreats(state, int(rng.integers(len(state.touching))))
         return children
+
+    def _repeated(self, children: list[State]) -> list[State]:
+        """The states at the goal that a gait leads to, which some of these complete."""
+        if self.period is None:
+            return []
+        ends = (self.period.completed(self.moves, x) for x in children if self._founded(x))
+        return [x for x in ends if x is not None]
 
     def _first(self) -> list[State]:
         """Where the roots get to along the nominal way."""

@@ -13,11 +13,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.object_path import MOVING, as_pose, build, pose
+from drake_hand.planning.period import SHORTEST, counts
 from drake_hand.plans.task import Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
@@ -67,8 +69,8 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
 
     Its middle is near where fingertips meet, clear of the palm. Its long axis lies along the line of the finger bases,
     as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the
-    object about an axis of W through its own origin and the object is symmetric about its long axis, half of the poses
-    align the two.
+    object about an axis of W through its own origin, half of the poses align that axis with one about which the object
+    looks the same after a part of the turn, the smallest there is.
 
     Args:
         task: what is asked.
@@ -81,11 +83,10 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
     middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
-    given = None
+    given, axes = None, np.zeros((0, 3))
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-        if not surface.symmetric_about(surface.long_axis, surface.centre):
-            given = None
+        axes = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
     points, outward = surface.sample(8e-3)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH
     samples, normals = points[near], outward[near]
@@ -103,10 +104,13 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
 
     found = []
     for k in range(DRAWN):
-        along = given if given is not None and k % 2 == 0 else _lean(_across(clearance.hand, rng), rng)
+        if given is not None and len(axes) and k % 2 == 0:
+            axis, along = axes[k // 2 % len(axes)], given
+        else:
+            axis, along = surface.long_axis, _lean(_across(clearance.hand, rng), rng)
         X = np.eye(4)
-        about = Rotation.from_rotvec(surface.long_axis * rng.uniform(0, 2 * np.pi))
-        X[:3, :3] = _aligned(surface.long_axis, along) @ about.as_matrix()
+        about = Rotation.from_rotvec(axis * rng.uniform(0, 2 * np.pi))
+        X[:3, :3] = _aligned(axis, along) @ about.as_matrix()
         middle = middles[rng.integers(len(middles))] + _JITTER * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
         X = pose(as_pose(X))
@@ -116,6 +120,12 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
             found.append((min(value(x) for x in way[:: (_ALONG - 1) // 2]), X))
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     return [found[k][1] for k in order[:RATED]]
+
+
+def _looking_alike(surface: Surface, angle: float) -> np.ndarray:
+    """(k, 3) axes of O about which the object looks the same most often in a turn by `angle`, rad."""
+    often = [next(counts(surface, e, surface.centre, max(angle, 2 * SHORTEST)), 0) for e in np.eye(3)]
+    return np.eye(3)[[n == max(often) > 0 for n in often]]
 
 
 def palms(hand: Hand) -> list[Vector]:

@@ -1,0 +1,142 @@
+"""Periods: turns after which the object looks as before, so that a way back to an earlier grasp is a gait.
+
+A cube turned by 90 deg, a six-sided pencil by 60 deg, a can by any angle: with the fingers where they were, the state
+has come back, and what led there leads on. ::
+
+    root --moves--> A --moves--> A, a period on --the same moves--> A, two periods on --...--> goal
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_hand.contact.surface import SAME_M, Surface
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.object_path import ObjectPath
+from drake_hand.planning.state import State, Stroke
+
+SHORTEST = np.radians(40.0)
+"""Of periods: about as far as a finger carries an object before it has to step back."""
+
+
+def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: float) -> Iterator[int]:
+    """Into how many periods a turn by `angle` [rad] about a line can be divided, the most first."""
+    for count in range(int(angle / SHORTEST + 1e-9), 1, -1):
+        X_OO = np.eye(4)
+        X_OO[:3, :3] = Rotation.from_rotvec(angle / count * axis_O).as_matrix()
+        X_OO[:3, 3] = point_O - X_OO[:3, :3] @ point_O
+        if surface.same_after(X_OO):
+            yield count
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Period:
+    """After how much of a way the object looks as it did before."""
+
+    ticks: int
+    count: int
+    """How many of them are the whole way."""
+    X_OO: np.ndarray
+    """(4, 4) pose in O of what looks like O, a period on."""
+
+    @classmethod
+    def of(cls, path: ObjectPath, surface: Surface, p_OCom: np.ndarray) -> Period | None:
+        """The shortest period of a turn about one axis; None where there is none.
+
+        Args:
+            path: the whole way.
+            surface: of the object.
+            p_OCom: (3,) m.
+        """
+        if path.axis_W is None:
+            return None
+        X_OW = np.linalg.inv(path.X_WO[0])
+        axis_O, point_O = X_OW[:3, :3] @ path.axis_W, X_OW[:3, :3] @ path.point_W + X_OW[:3, 3]
+        if np.linalg.norm(np.cross(axis_O, p_OCom - point_O)) > SAME_M:
+            return None
+        for count in counts(surface, axis_O, point_O, path.angle):
+            ticks, odd = divmod(path.ticks, count)
+            if not odd:
+                return cls(ticks=ticks, count=count, X_OO=X_OW @ path.X_WO[ticks])
+        return None
+
+    def completed(self, moves: Moves, x: State) -> State | None:
+        """The state at the end of the way, where the fingers of x can go back to where they were whole periods ago."""
+        k, rest = divmod(x.s, self.ticks)
+        if rest or k in (0, self.count) or x.off.any():
+            return None
+        earlier: dict[int, State] = {}
+        for y in x.chain[:-1]:
+            if not y.s % self.ticks and not y.off.any():
+                earlier[int(y.s // self.ticks)] = y
+        for j in sorted(set(earlier) - {k}, reverse=True):
+            times, odd = divmod(self.count - k, k - j)
+            end = None if odd else returned(moves, x, earlier[j])
+            if end is not None:
+                return self._repeated(earlier[j], end, int(times), int(k - j))
+        return None
+
+    def _repeated(self, begin: State, end: State, times: int, periods: int) -> State:
+        """What leads from one state to another that has come back, so many times more."""
+        chain = end.chain
+        cycle, state = chain[chain.index(begin) + 1 :], end
+        for i in range(1, times + 1):
+            X_OO = np.linalg.matrix_power(self.X_OO, i * periods)
+            R, p = X_OO[:3, :3], X_OO[:3, 3]
+            for x in cycle:
+                move = x.move
+                if isinstance(move, Stroke):
+                    move = replace(move, X=np.ascontiguousarray(move.X @ X_OO))
+                state = replace(
+                    x,
+                    s=x.s + i * periods * self.ticks,
+                    X=np.ascontiguousarray(x.X @ X_OO),
+                    p_OP=(x.p_OP - p) @ R if len(x.p_OP) else x.p_OP,
+                    regrasps=x.regrasps + i * (end.regrasps - begin.regrasps),
+                    parent=state,
+                    move=move,
+                )
+        return state
+
+
+def returned(moves: Moves, x: State, target: State) -> State | None:
+    """The state in which all fingers are where they are in another one, one finger after the other brought there.
+
+    All sets of fingers that may have gone are rated at once; an order is looked for among those that hold.
+    """
+    astray = np.flatnonzero((x.q != target.q).any(axis=1) | (x.touching != target.touching)).tolist()
+    sets = 1 << len(astray)
+    q, touching = np.repeat(x.q[None], sets, axis=0), np.repeat(x.touching[None], sets, axis=0)
+    for bit, f in enumerate(astray):
+        gone = np.arange(sets) >> bit & 1 == 1
+        q[gone, f], touching[gone, f] = target.q[f], target.touching[f]
+    some = [State(s=x.s, off=x.off, X=x.X, q=q[i], touching=touching[i]) for i in range(sets)]
+    moves.evaluate(some, np.ones(touching.shape))
+    able = moves.clear(x.X, q, touching) & np.array([y.margins[-1] >= 0 for y in some])
+    able &= [moves.allowed(frozenset(np.flatnonzero(y.touching).tolist())) for y in some]
+    if not able[-1]:
+        return None
+    some[0] = x
+    dead: set[int] = set()
+
+    def onward(i: int) -> bool:
+        if i == sets - 1:
+            return True
+        for bit, f in enumerate(astray):
+            j = i | 1 << bit
+            if j == i or j in dead or not able[j] or (some[i].touching[f] and some[i].margins[f] < 0):
+                continue
+            move = moves.between(some[i], some[j], f)
+            if move is not None:
+                both = some[i].touching[f] and some[j].touching[f]
+                some[j].parent, some[j].move, some[j].regrasps = some[i], move, some[i].regrasps + bool(both)
+                if onward(j):
+                    return True
+        dead.add(i)
+        return False
+
+    return some[-1] if onward(0) else None

@@ -1,0 +1,66 @@
+"""Several searches, from several starts, a slice each in turn: the more effort for one, the farther it got."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.search import Search
+from drake_hand.planning.state import State
+from drake_hand.planning.world import at_once
+from drake_hand.plans.task import Task
+
+SLICE = 20
+"""States expanded before it is another search's turn."""
+AT_ONCE = 2
+"""Searches at work side by side, however many cores there are: so that plans do not depend on the machine."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempt:
+    """A search, and what it starts from."""
+
+    task: Task
+    """With its start and gravity."""
+    builder: LegBuilder
+    search: Search
+
+    @property
+    def effort(self) -> float:
+        """What it has cost, for how far it got."""
+        return (self.search.expansions + 1) / (0.1 + self.search.fraction) ** 4
+
+
+def in_turn(
+    attempts: list[Attempt], failures: list[NoPlanFound], out_of_time: Callable[[], bool], deadline: float
+) -> Iterator[list[tuple[Attempt, State]]]:
+    """Rounds of searching; what each found.
+
+    Args:
+        attempts: any number.
+        failures: of attempts that were not even begun.
+        out_of_time: asked before each round.
+        deadline: on the monotonic clock.
+
+    Raises:
+        NoPlanFound: time is up, or nothing was found and nothing is left to try.
+    """
+    found = False
+    while not out_of_time():
+        live = sorted((x for x in attempts if not x.search.exhausted), key=lambda x: x.effort)
+        if not live:
+            break
+        now = live[:AT_ONCE]
+        ends = at_once([partial(x.search.run, SLICE, deadline) for x in now])
+        done = [(x, end) for x, end in zip(now, ends, strict=True) if end is not None]
+        yield done
+        found |= bool(done)
+        for x, _ in done:
+            x.search.restart()  # what was found did not do, nor would what is much like it
+    late = out_of_time()
+    if not found or late:
+        failures = failures + [x.search.failure("timeout" if late else "infeasible") for x in attempts]
+        raise max(failures, key=lambda e: e.progress)
