@@ -122,7 +122,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
         clearances.look(a, posture.X_WB, states.X_WO[rows], travel[rows])
         if progress is not None:
             progress(rows.stop / k)
-    nearest = clearances.least(states)
+    nearest = clearances.least(states, travel)
     between = grazed = (0.0, 0, "")
     if nearest[0] >= 0:  # else that tells all
         between = clearances.between(states, travel)

@@ -143,37 +143,60 @@ class Clearances:
         X[body == last] = X_WO[row[body == last]]
         return X
 
-    def least(self, states: States) -> tuple[float, int, str]:
-        """The least clearance at any sample, the sample, and the pair; `reach` and no pair if none comes as near."""
+    def least(self, states: States, travel: np.ndarray) -> tuple[float, int, str]:
+        """The least clearance at any sample, the sample, and the pair; `reach` and no pair if none comes as near.
+
+        A pair that is farther apart at a sample than any found so far is looked at again where it may have come nearer.
+        """
         best, at, name = self._reach, 0, ""
         low, alike = np.concatenate(self._low), np.concatenate(self._alike)
-        for i in np.argsort(low[:, 2], kind="stable"):
-            if low[i, 2] >= best - _SAME:
-                break
-            row, pair = int(low[i, 0]), int(low[i, 1])
-            distance = self._known.get(key := alike[i].tobytes())
-            if distance is None:
-                self._scene.set(states.q[row], states.X_WO[row])
-                distance = self._known[key] = self._ask(pair)
-            if distance < best:
-                best, at, name = distance, row, self._name(pair)
+        moved = _moved(travel)
+        pairs = np.unique(low[:, 1])
+        for pair in sorted(pairs.astype(int).tolist(), key=lambda pair: low[low[:, 1] == pair, 2].min()):
+            a, b = self._shapes.body[self._shapes.pairs[pair]]
+            gone, apart, part = moved[:, a] + moved[:, b], -np.inf, -1
+            for i in np.flatnonzero(low[:, 1] == pair).tolist():
+                row = int(low[i, 0])
+                bound = max(low[i, 2], apart - gone[row] if states.part[row] == part else -np.inf)
+                if bound >= best - _SAME:
+                    continue
+                distance = self._known.get(key := alike[i].tobytes())
+                if distance is None:
+                    self._scene.set(states.q[row], states.X_WO[row])
+                    distance = self._known[key] = self._ask(pair)
+                apart, part = gone[row] + distance, int(states.part[row])
+                if distance < best:
+                    best, at, name = distance, row, self._name(pair)
         return best, at, name
 
     def between(self, states: States, travel: np.ndarray) -> tuple[float, int, str]:
-        """A bound of how deep a pair may be in each other between samples that are clear, the first found; or 0."""
-        for row, pair in np.concatenate(self._meet).tolist():
+        """A bound of how deep a pair may be in each other between samples that are clear, the first found; or 0.
+
+        A pair that is some way apart at a sample is looked at again where the bodies may have moved so far since.
+        """
+        meet = np.concatenate(self._meet)
+        moved = _moved(travel)
+        for pair in np.unique(meet[:, 1]).tolist():
             a, b = self._shapes.body[self._shapes.pairs[pair]]
-            move = float(travel[row, a] + travel[row, b])
-            part = int(states.part[row])
+            gone, apart, part = moved[:, a] + moved[:, b], -np.inf, -1
+            for row in meet[meet[:, 1] == pair, 0].tolist():
+                if states.part[row] == part and apart > gone[row + 1]:
+                    continue
+                part = int(states.part[row])
+                self._scene.set(states.q[row], states.X_WO[row])
+                apart = gone[row] + self._ask(pair)
+                if apart > gone[row + 1]:
+                    continue
 
-            def look(t: float, part: int = part, pair: int = pair) -> float:
-                s = self._trajectory.at(t, part=part)
-                self._scene.set(s.q[0], s.X_WO[0])
-                return self._ask(pair)
+                def look(t: float, part: int = part, pair: int = pair) -> float:
+                    s = self._trajectory.at(t, part=part)
+                    self._scene.set(s.q[0], s.X_WO[0])
+                    return self._ask(pair)
 
-            depth = -deepest(look, float(states.t[row]), float(states.t[row + 1]), move)
-            if depth > 0:
-                return depth, row, self._name(pair)
+                move = float(gone[row + 1] - gone[row])
+                depth = -deepest(look, float(states.t[row]), float(states.t[row + 1]), move)
+                if depth > 0:
+                    return depth, row, self._name(pair)
         return 0.0, 0, ""
 
     def _ask(self, pair: int) -> float:
@@ -184,6 +207,11 @@ class Clearances:
     def _name(self, pair: int) -> str:
         a, b = self._shapes.pairs[pair]
         return f"{self._shapes.names[a]} and {self._shapes.names[b]}"
+
+
+def _moved(travel: np.ndarray) -> np.ndarray:
+    """(k + 1, b) how far points of a body can have moved since the first sample, m."""
+    return np.concatenate([np.zeros((1, travel.shape[1])), np.cumsum(np.maximum(travel, 0.0), axis=0)])
 
 
 def deepest(look: Callable[[float], float], t0: float, t1: float, move: float) -> float:
