@@ -21,9 +21,9 @@ IMPEDANCE = 0.9
 IMPRATIO = 1000.0
 """How much stiffer contacts are along the surface than along the normal.
 
-MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRATIO IMPEDANCE relaxation stiffness) under a
-tangential force T. At 10, which models of hands often have, these pads creep at 1 mm/s per newton, which no pad does: what
-fingers press against each other with bleeds away in seconds (google-deepmind/mujoco, issue 3328).
+MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRATIO IMPEDANCE relaxation stiffness)
+under a tangential force T. At 10, which models of hands often have, these pads creep at 1 mm/s per newton, which no pad
+does: what fingers press against each other with bleeds away in seconds (google-deepmind/mujoco, issue 3328).
 """
 _STIFF = {"solref": [2 * STEP, 1.0], "solimp": [0.95, 0.99, 1e-3, 0.5, 2.0]}
 """Contacts of anything but a fingertip with the object."""
