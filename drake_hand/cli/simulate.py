@@ -14,6 +14,7 @@ from cyclopts.validators import Number
 from drake_hand.cli.output import naming, print_json, print_table, progress_display
 from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.files import write_atomic
+from drake_hand.physics.engine import Push
 from drake_hand.plans.plan import Plan
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def simulate(
     engine: Literal["drake", "mujoco", "both"] = "drake",
     feedback: bool = False,
     sensor: Annotated[PoseSensor | None, Parameter(name="*")] = None,
+    push: Annotated[Push | None, Parameter(name="*")] = None,
     json: bool = False,
 ) -> int:
     """Replay a plan in physics: does the object stay in the hand, and where does it end?
@@ -44,6 +46,7 @@ def simulate(
     $ drake-hand simulate spin.plan.json --html spin.html
     $ drake-hand simulate spin.plan.json --runs 20 --seed 1 --json
     $ drake-hand simulate spin.plan.json --engine both --feedback --latency-ms 50
+    $ drake-hand simulate spin.plan.json --engine mujoco --feedback --runs 20 --push-n 2 --push-ms 50
     ```
 
     Args:
@@ -54,6 +57,7 @@ def simulate(
         engine: whose physics; mujoco needs `pip install 'drake_hand[mujoco]'`.
         feedback: correct the commands by what a sensor of the object's pose sees.
         sensor: how well it sees.
+        push: what pushes the object once in every run, from any side.
         json: print one JSON object on stdout.
     """
     from drake_hand.physics.runs import Interrupted
@@ -77,6 +81,7 @@ def simulate(
                         seed=seed,
                         engine=name,
                         feedback=seen_by,
+                        push=push,
                         watch=None if pages else watch,
                         progress=progress,
                     )

@@ -100,7 +100,7 @@ class Correction:
         self._dq, self._error = np.zeros(hand.nq), np.zeros(6)
         self._times, self._thought = np.full(_MEMORY, -np.inf), np.zeros((_MEMORY, 6))
         self._tick, self._last, self._last_look, self._believed = 0, 0.0, -np.inf, 0.0
-        self._since = 0
+        self._since, self._saturated = 0, False
         self._looks, self._saturated_s, self._lost_s, self._largest, self._reached = 0, 0.0, 0.0, 0.0, 0.0
 
     def step(self, t: float, seen: PoseSeen | None) -> np.ndarray:
@@ -128,9 +128,11 @@ class Correction:
         if self._held[row]:
             drifts[:3] = self._drift * self._turning[row]
             moved = np.clip(-GAIN * error - self._believed * drifts, -FASTEST, FASTEST) * dt
+        self._saturated = False
         wanted, moved = self._hold(row, moved, dt)
         self._error = self._error + moved + drifts * dt
         wanted = self._land(row, error, wanted, dt)
+        self._saturated_s += dt * self._saturated
         self._dq = np.clip(wanted, *self._tube.limits[:, self._follow.part[row]])
         self._note(row, before)
         slot = self._tick % _MEMORY
@@ -210,7 +212,7 @@ class Correction:
                     moved = moved - scaled / _WEIGHT * over / float(scaled @ scaled)
         else:
             moved = np.zeros(6)
-        self._saturated_s += dt * held_back
+        self._saturated |= held_back
         return self._dq + roll @ moved, moved
 
     def _against(self, row: int, goes: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -243,8 +245,7 @@ class Correction:
         far = np.linalg.norm((self._follow.tips[row] @ target).reshape(-1, 3), axis=1)
         share = np.minimum(np.minimum.reduceat(room, self._first), self._tube.reach / np.maximum(far, 1e-9))
         share = np.repeat(np.minimum(share, 1.0), self._count)
-        if np.any((share < 1.0) & (free > 0)):
-            self._saturated_s += dt
+        self._saturated |= bool(np.any((share < 1.0) & (free > 0)))
         most = self._speed[row] * dt
         return dq + np.clip(free * (1 - np.exp(-LANDING * dt)) * (share * target - dq), -most, most)
 

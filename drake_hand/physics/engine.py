@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from drake_hand.errors import InputError
 from drake_hand.model.hand import PadSpec
 
 EngineName = Literal["drake", "mujoco"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force that comes once in a run, from any side, while the plan is played. A short one is a tap."""
+
+    push_n: float = 2.0
+    """How hard."""
+    push_ms: float = 50.0
+    """For how long."""
+
+    def __post_init__(self) -> None:
+        for key, value, most in (("push_n", self.push_n, 100.0), ("push_ms", self.push_ms, 1000.0)):
+            if not 0.0 < value <= most:
+                raise InputError("nothing pushes like this", key=key, found=value, expected=f"above 0 to {most:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,18 +44,27 @@ class Perturbation:
     """Of the object's start position, in W."""
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector of the object's start orientation, in W."""
+    push_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Force on the object's mass centre, in W ..."""
+    push_s: tuple[float, float] = (0.0, 0.0)
+    """... from when to when."""
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Perturbation:
         """Friction, mass and stiffness within 20 %, the start 1 mm and 2 deg off in random directions."""
-
-        def direction(size: float) -> tuple[float, float, float]:
-            a = rng.normal(size=3)
-            x, y, z = size * a / np.linalg.norm(a)
-            return float(x), float(y), float(z)
-
         friction, mass, stiffness = (float(x) for x in rng.uniform(0.8, 1.2, 3))
-        return cls(friction=friction, mass=mass, stiffness=stiffness, shift_mm=direction(1.0), turn_deg=direction(2.0))
+        shift, turn = _direction(rng, 1.0), _direction(rng, 2.0)
+        return cls(friction=friction, mass=mass, stiffness=stiffness, shift_mm=shift, turn_deg=turn)
+
+    def pushed(self, push: Push, window: tuple[float, float], rng: np.random.Generator) -> Perturbation:
+        """The same with a push from a random direction, in the middle third of a time window, s."""
+        begin = window[0] + float(rng.uniform(1 / 3, 2 / 3)) * (window[1] - window[0])
+        return replace(self, push_n=_direction(rng, push.push_n), push_s=(begin, begin + push.push_ms * 1e-3))
+
+    def push_during(self, start: float, end: float) -> np.ndarray:
+        """(3,) mean of the push between two times, N."""
+        both = max(0.0, min(end, self.push_s[1]) - max(start, self.push_s[0]))
+        return np.array(self.push_n) * both / (end - start)
 
     def start(self, X_WO: np.ndarray) -> np.ndarray:
         """The (4, 4) start pose in place of the planned one."""
@@ -78,6 +103,9 @@ class Engine(Protocol):
     def correct(self, dq: np.ndarray) -> None:
         """Adds dq (nq,) to the commands from now on."""
 
+    def push(self, f_W: np.ndarray) -> None:
+        """Has a force f_W (3,) act on the object's mass centre from now on, N."""
+
     @property
     def q(self) -> np.ndarray:
         """(nq,) joints now, rad."""
@@ -91,6 +119,12 @@ class Engine(Protocol):
     def touch(self) -> Touch:
         """Contacts now."""
         ...
+
+
+def _direction(rng: np.random.Generator, size: float) -> tuple[float, float, float]:
+    a = rng.normal(size=3)
+    x, y, z = size * a / np.linalg.norm(a)
+    return float(x), float(y), float(z)
 
 
 def stiffer(pad: PadSpec, stiffness: float) -> PadSpec:

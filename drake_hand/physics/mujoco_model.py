@@ -18,8 +18,13 @@ OBJECT = "object"
 """Name of the object's body and free joint."""
 IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
-IMPRATIO = 10.0
-"""How much stiffer contacts are along the surface than along the normal, as in models of hands by MuJoCo's makers."""
+IMPRATIO = 1000.0
+"""How much stiffer contacts are along the surface than along the normal.
+
+MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRATIO IMPEDANCE relaxation stiffness)
+under a tangential force T. At 10, which models of hands often have, these pads creep at 1 mm/s per newton, which no pad
+does: what fingers press against each other with bleeds away in seconds (google-deepmind/mujoco, issue 3328).
+"""
 _STIFF = {"solref": [2 * STEP, 1.0], "solimp": [0.95, 0.99, 1e-3, 0.5, 2.0]}
 """Contacts of anything but a fingertip with the object."""
 _COUPLED = {"solref": [2 * STEP, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]}

@@ -108,6 +108,10 @@ class MujocoPhysics:
         """Adds dq (nq,) to the commands from now on."""
         self._dq = dq
 
+    def push(self, f_W: np.ndarray) -> None:
+        """Has a force f_W (3,) act on the object's mass centre from now on, N."""
+        self.data.xfrc_applied[self._body, :3] = f_W
+
     @property
     def q(self) -> np.ndarray:
         """(nq,) joints now, rad."""

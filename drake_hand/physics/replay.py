@@ -73,6 +73,8 @@ def replay(
     began, held, dropped = time.perf_counter(), True, False
     for k, t in enumerate(times):
         try:
+            if perturbation.push_s[1] > 0:
+                physics.push(perturbation.push_during(t - SAMPLE, t))
             physics.advance(t)
         except RuntimeError as e:
             raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e

@@ -18,10 +18,11 @@ import numpy as np
 
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.feedback.sensor import PoseSensor
-from drake_hand.physics.engine import EngineName, Perturbation
+from drake_hand.physics.engine import EngineName, Perturbation, Push
 from drake_hand.physics.replay import replay as one_run
 from drake_hand.physics.run import Record, Run
 from drake_hand.physics.simulation import ContactKind
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 
 _LOOK_EVERY = 0.1
@@ -39,6 +40,8 @@ class Replay:
     friction: float
     object_mass_kg: float
     perturbed: bool
+    push: Push | None
+    """What pushed the object in every run, if anything did."""
     success_rate: float
     dropped: int
     realtime_factor: float
@@ -72,6 +75,7 @@ def simulate(
     engine: EngineName = "drake",
     contact: ContactKind = "hydroelastic",
     feedback: PoseSensor | None = None,
+    push: Push | None = None,
     jobs: int | None = None,
     watch: Callable[[Run, Record], None] | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -90,6 +94,7 @@ def simulate(
         engine: whose physics.
         contact: how fingertips yield in Drake; in MuJoCo they touch in a point.
         feedback: a sensor that sees the object, by which commands are corrected; without it plans run open loop.
+        push: comes once in every run, in the middle third of the hold.
         jobs: processes; one per core by default.
         watch: given a run as planned, with its record; where there is none such among the runs, one more is made.
         progress: told how far it is.
@@ -108,6 +113,10 @@ def simulate(
     perturbed = runs > 1 if perturb is None else perturb
     rng = np.random.default_rng(seed)
     changes = [Perturbation.draw(rng) if perturbed else Perturbation() for _ in range(runs)]
+    if push:
+        hold = hold_windows(plan)
+        window = (hold[0][0], hold[-1][1])
+        changes = [x.pushed(push, window, np.random.default_rng((seed, i, 1))) for i, x in enumerate(changes)]
     kind: ContactKind = contact if engine == "drake" else "point"
     run = partial(one_run, plan, engine=engine, contact=kind, feedback=feedback)
     tell = progress or (lambda _: None)
@@ -122,6 +131,7 @@ def simulate(
             friction=plan.task.physics.friction,
             object_mass_kg=plan.object_mass_kg,
             perturbed=perturbed,
+            push=push,
             success_rate=float(np.mean([r.success for r in results])),
             dropped=sum(r.dropped for r in results),
             realtime_factor=float(np.median([r.realtime_factor for r in results])),

@@ -23,11 +23,13 @@ from pydrake.geometry import (
     VolumeMesh,
 )
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     ContactModel,
     CoulombFriction,
     DiscreteContactApproximation,
+    ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
 from pydrake.multibody.tree import JointActuator, ModelInstanceIndex, PdControllerGains, RigidBody
@@ -180,6 +182,14 @@ class Physics:
         """Adds dq (nq,) to the commands from now on."""
         context = self._correction.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         self._correction.get_mutable_source_value(context).SetFromVector(np.append(dq, np.zeros_like(dq)))
+
+    def push(self, f_W: np.ndarray) -> None:
+        """Has a force f_W (3,) act on the object's mass centre from now on, N."""
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = self._object.index()
+        force.p_BoBq_B = self._object.CalcCenterOfMassInBodyFrame(self._context)
+        force.F_Bq_W = SpatialForce(tau=np.zeros(3), f=f_W)
+        self.plant.get_applied_spatial_force_input_port().FixValue(self._context, [force])
 
     @property
     def q(self) -> np.ndarray:

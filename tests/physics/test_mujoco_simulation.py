@@ -5,6 +5,7 @@ import pytest
 
 from drake_hand.physics.engine import Perturbation
 from drake_hand.physics.replay import replay
+from drake_hand.plans.trajectory import Trajectory
 from tests.physics.test_replay import twice
 from tests.verify.held import END, RAMP, held_plan
 
@@ -20,14 +21,23 @@ def plan():
 def test_planned_forces_hold_the_pencil(plan):
     run, record = replay(plan, engine="mujoco")
     assert run.success
-    assert run.position_error_mm < 0.5  # contacts creep in this engine
-    assert run.tilt_error_deg < 1.0
-    assert run.rotation_error_deg < 1.0
+    assert run.position_error_mm < 0.2
+    assert run.tilt_error_deg < 0.5
+    assert run.rotation_error_deg < 0.5
+    planned = Trajectory(plan).at(END).f_W[0]
+    np.testing.assert_allclose(record.f_W[-1], planned, atol=0.1)
     assert run.strays == {}
     assert run.free_s == pytest.approx(RAMP)
     np.testing.assert_allclose(record.f_W[-1].sum(axis=0), -WEIGHT, atol=0.02)
     touching = record.X_WO[-1, :3, 3] - record.p_W[-1, 1:]
     assert np.all(np.linalg.norm(touching, axis=1) < 0.08)
+
+
+def test_contacts_inside_their_cones_stay_where_they_are():
+    _, record = replay(held_plan(end=5.0), engine="mujoco")
+    late = record.X_WO[record.t > 1.0]
+    assert np.linalg.norm(late[:, :3, 3] - late[0, :3, 3], axis=1).max() < 0.05e-3
+    assert np.abs(late[:, :3, :3] - late[0, :3, :3]).max() < np.radians(0.1)
 
 
 def test_without_forces_the_pencil_falls():
