@@ -12,6 +12,7 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_person import Terminal, say
 from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
 from drake_hand.cli.drives_proof import prove
@@ -45,6 +46,7 @@ def execute(
     step: bool = False,
     pause: Literal["grasp"] | None = None,
     go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    empty: bool = False,
     from_here: bool = False,
     open: bool = False,
     on_interrupt: Literal["hold", "off"] = "hold",
@@ -85,6 +87,7 @@ def execute(
         step: hold at every switch, until Enter.
         pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
         go_after: seconds after which a pause ends by itself.
+        empty: play without the object; what the fingers press is not judged.
         from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
         open: with --from-here: also from where the fingers may hold the object, which falls.
         on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
@@ -146,6 +149,7 @@ def execute(
                     problems=[] if trust else prove(plan),
                     person=person,
                     hold=on_interrupt == "hold",
+                    feel=None if empty or fingers or (simulate and not physics) else feel(found, played),
                     clock=physical.clock if physical else OWN,
                     log=log,
                     progress=progress,
