@@ -12,9 +12,11 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_person import Terminal, say
 from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
 from drake_hand.cli.drives_proof import prove
+from drake_hand.cli.drives_twin import spawn_twin
 from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
@@ -45,6 +47,8 @@ def execute(
     step: bool = False,
     pause: Literal["grasp"] | None = None,
     go_after: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    twin: bool = False,
+    empty: bool = False,
     from_here: bool = False,
     open: bool = False,
     on_interrupt: Literal["hold", "off"] = "hold",
@@ -85,6 +89,9 @@ def execute(
         step: hold at every switch, until Enter.
         pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
         go_after: seconds after which a pause ends by itself.
+        twin: a hand in physics follows the measured joints; its page, and where it differs from what the drives show,
+            are told on stderr.
+        empty: play without the object; what the fingers press is not judged.
         from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
         open: with --from-here: also from where the fingers may hold the object, which falls.
         on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
@@ -101,6 +108,8 @@ def execute(
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
     if physics and not simulate:
         raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
+    if twin and not hand.feel:
+        raise InputError("a twin compares torques", key="--twin", expected=f"torque_constant_nm_a in {hand.file}")
     if log and not log.name.endswith(SUFFIX):
         raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
     if log:
@@ -112,9 +121,14 @@ def execute(
     with ExitStack() as stack:
         physical = _physical(stack, plan, found, hand, log) if physics else None
         spawned = physical.spawned if physical else None
-        bus = _open(stack, found, hand, interface, channel, simulate, spawned)
+        if simulate and not physics:
+            spawned = _simulated(stack, found, hand)
+        interface, channel = (spawned.interface, spawned.channel) if spawned else (interface, channel)
+        bus = stack.enter_context(open_bus(hand.bus, interface, channel))
         if reset_faults:
             return _reset_faults(hand, bus, json)
+        if twin:
+            stack.enter_context(spawn_twin(hand, str(plan), interface, channel))
         person = Terminal(
             lambda schedule: _summary(found, schedule, excerpt),
             power=not (simulate or yes),
@@ -146,6 +160,7 @@ def execute(
                     problems=[] if trust else prove(plan),
                     person=person,
                     hold=on_interrupt == "hold",
+                    feel=None if empty or fingers or (simulate and not physics) else feel(found, played),
                     clock=physical.clock if physical else OWN,
                     log=log,
                     progress=progress,
@@ -212,23 +227,11 @@ def _physical(stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Pat
     return stack.enter_context(spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record))
 
 
-def _open(
-    stack: ExitStack,
-    plan: Plan,
-    drives: Drives,
-    interface: str | None,
-    channel: str | None,
-    simulate: bool,
-    spawned: SpawnedDrives | None,
-) -> can.BusABC:
-    """The bus; with --simulate that of drives that stand where the plan starts (when the plan fits them)."""
-    if not simulate:
-        return stack.enter_context(open_bus(drives.bus, interface, channel))
-    if spawned is None:
-        _, unfit = preflight.plan_problems(plan, drives)
-        q = None if unfit else Schedule.build(plan, drives).q[0]
-        spawned = stack.enter_context(spawn_simulated_drives(drives, q=q))
-    return stack.enter_context(open_bus(drives.bus, spawned.interface, spawned.channel))
+def _simulated(stack: ExitStack, plan: Plan, drives: Drives) -> SpawnedDrives:
+    """Drives that stand where the plan starts (when the plan fits them)."""
+    _, unfit = preflight.plan_problems(plan, drives)
+    q = None if unfit else Schedule.build(plan, drives).q[0]
+    return stack.enter_context(spawn_simulated_drives(drives, q=q))
 
 
 def _dry_run(plan: Plan, drives: Drives, excerpt: Excerpt, frames: bool, json: bool) -> int:

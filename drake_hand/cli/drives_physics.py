@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
+import queue
 import sys
 import tempfile
 import threading
@@ -13,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import msgspec
 import numpy as np
@@ -21,16 +21,17 @@ from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import serve_in_step
-from drake_hand.epos.sim.process import SpawnedDrives, end, free_channel, listen, standard_input
-from drake_hand.errors import DrakeHandError, DriveError
+from drake_hand.epos.sim.process import SpawnedDrives, begin, child, free_channel, inject, listen, ready
+from drake_hand.errors import DrakeHandError, DriveError, InputError
+from drake_hand.files import convert
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
+MishapKind = Literal["object_taken", "cable_off"]
 DROPPED_MM = 30.0
 _SAMPLE_STEPS = 5
-_CHILD = "from drake_hand.cli.drives_physics import child; child()"
-_READY = b"ready\n"
+_CHILD = "from drake_hand.cli.drives_physics import serve; serve()"
 
 
 class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -44,6 +45,14 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     seed: int | None
     """Of what is not as planned: friction, mass, stiffness, start; None for nothing."""
     record: str | None
+
+
+class Mishap(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """What happens to the hand, or in it, beside the drives: a line of JSON, like their faults."""
+
+    kind: MishapKind
+    joint: str = ""
+    """Whose cable comes off its drum: the motor turns, the joint is loose."""
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -112,31 +121,13 @@ def spawn_physical_hand(
             seed=seed,
             record=str(record) if record else None,
         )
-        process = subprocess.Popen(
-            [sys.executable, "-c", _CHILD],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        assert process.stdin is not None
-        assert process.stdout is not None
-        assert process.stderr is not None
-        try:
-            process.stdin.write(msgspec.json.encode(setup) + b"\n")
-            process.stdin.flush()
-            if process.stdout.readline() != _READY:
-                raise DriveError(f"physics did not start: {process.stderr.read().decode().strip()}")
+        with child(["-c", _CHILD], setup, "physics") as process:
             yield PhysicalHand(spawned=SpawnedDrives(channel=setup.channel, process=process), clock=clock)
-        finally:
-            end(process)
 
 
-def child() -> None:
+def serve() -> None:
     """Simulates until its input ends, then says what became of the object."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    commands = standard_input()
-    setup = msgspec.json.decode(commands.readline(), type=Setup)
+    commands, setup = begin(Setup)
     stop = threading.Event()
     try:
         drives = Drives.load(setup.drives)
@@ -144,9 +135,16 @@ def child() -> None:
         with drives.bus.open("udp_multicast", setup.channel) as bus:
             simulated = SimulatedDrives(bus, drives, q=np.array(setup.q))
             simulated.boot(0.0)
+
+            def take(command: dict) -> None:
+                if command.get("kind") in get_args(MishapKind):
+                    world.suffer(convert(command, Mishap))
+                else:
+                    inject(simulated, command)
+
             world.enabled = lambda: any(s.powered for s in simulated.states.values())
-            threading.Thread(target=listen, args=(simulated, commands, stop), daemon=True).start()
-            os.write(1, _READY)
+            threading.Thread(target=listen, args=(take, commands, stop), daemon=True).start()
+            ready()
             serve_in_step(simulated, bus, world.clock, world, stop)
             simulated.stop()
     except (DrakeHandError, OSError, RuntimeError) as e:
@@ -193,6 +191,9 @@ class _World:
         self.clock = clock
         self.enabled = lambda: False
         self._free, self._steps, self._dropped = False, 0, False
+        self._loose: list[int] = []
+        self._mishaps: queue.SimpleQueue[Mishap] = queue.SimpleQueue()
+        self._joints = hand.joints
         self._began: tuple[float, float] | None = None
         self._slowed = 1.0
         self._rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
@@ -201,6 +202,10 @@ class _World:
         """Moves on to time t; torques on the joints, Nm."""
         physics = self.physics
         self._q[self._columns], self._v[self._columns] = q, v
+        while not self._mishaps.empty():
+            self._happen(self._mishaps.get())
+        if self._loose:
+            self._q[self._loose], self._v[self._loose] = physics.q[self._loose], physics.v[self._loose]
         physics.command(self._q, self._v)
         physics.advance(self._begin + t)
         plan_time = self.clock.plan_time
@@ -209,10 +214,29 @@ class _World:
         torque = self._stiffness * (self._q - physics.q) + self._damping * (self._v - physics.v)
         return torque[self._columns]
 
+    def suffer(self, mishap: Mishap) -> None:
+        """Lets something happen at the next step; from any thread.
+
+        Raises:
+            InputError: no such joint.
+        """
+        if mishap.kind == "cable_off" and mishap.joint not in self._joints:
+            raise InputError("no such joint", key="joint", found=mishap.joint, expected=", ".join(self._joints))
+        self._mishaps.put(mishap)
+
+    def _happen(self, mishap: Mishap) -> None:
+        if mishap.kind == "cable_off":
+            self._loose.append(self._joints.index(mishap.joint))
+        else:
+            self.physics.take_away()
+            self._dropped = True
+
     def _watch(self, t: float, plan_time: float) -> None:
         """Lets go of the object when the fingers hold it; notes what happens."""
         in_hand = plan_time > self._windows[-1][1] or any(a <= plan_time <= b for a, b in self._windows)
-        if in_hand and not self._free:
+        if self._dropped:
+            pass
+        elif in_hand and not self._free:
             self.physics.let_go()
         elif self._free and not in_hand:
             self.physics.take_back()

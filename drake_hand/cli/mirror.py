@@ -97,7 +97,7 @@ def _mirror(
         view = stack.enter_context(open_view(urdf, joints, host, port))
         where = Whereabouts(plan, joints) if plan else None
         if plan:
-            view.add_object(*_mesh(plan))
+            view.add_object(*mesh(plan))
         print(view.url, flush=True)
         seen = "this computer only" if host in ("127.0.0.1", "localhost", "::1") else "whoever reaches this address"
         print(f"seen by {seen} (--host)", file=sys.stderr)
@@ -107,7 +107,7 @@ def _mirror(
             view.show(pose, where.X_WO if where else None, words)
 
 
-def _mesh(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+def mesh(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (v, 3) and faces (f, 3) of a plan's object."""
     import trimesh
 

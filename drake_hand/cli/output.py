@@ -114,4 +114,6 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
 
 
 def _brief(value: object) -> str:
+    if isinstance(value, dict):
+        return " ".join(f"{k} {_brief(v)}" for k, v in value.items())
     return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drake_hand.epos.drives import Drive
@@ -20,6 +21,7 @@ class AxisState:
     state: State = State.UNKNOWN
     position: int = 0
     """counts."""
+    current_ma: int = 0
     queued: int = 0
     """PVT records waiting in the drive when it last answered."""
     ip_status: int = 0
@@ -59,6 +61,11 @@ class AxisState:
             self.queued = queued[0]
         self.answered, self.missed = True, 0
         return True
+
+    def take_current(self, data: bytes) -> None:
+        """Takes a current PDO; one of the wrong length is left."""
+        with suppress(struct.error):
+            (self.current_ma,) = self.layout.current.unpack(data)
 
     def take_interpolation(self, data: bytes) -> bool:
         """Takes an interpolation status PDO; false for one of the wrong length."""

@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import math
 import mmap
+import os
+import select
 import struct
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-_VALUES = struct.Struct("<dd")
-_POLL_S = 5e-4
+import can
+
+_VALUES = struct.Struct("<ddd")
+_NOW, _PLAN_TIME, _DUE = 0, 8, 16
+_MISSED_S = 0.05
+"""Of the computer's time, after which a ring of the bell that was missed is made up for."""
 
 
 class Clock(Protocol):
     """What a master reads, s."""
 
+    real: bool
+    """Whether it goes on by itself, so that a bus thread has to keep up with it."""
     hangs_s: float
     """Seconds of the computer's time without a SYNC after which the bus is given up."""
 
     def now(self) -> float:
         """The time."""
 
-    def wait(self, seconds: float) -> float:
-        """How long to wait, in the computer's time, before looking again whether so much has passed."""
+    def receive(self, bus: can.BusABC, seconds: float) -> can.Message | None:
+        """The next frame, waited for so long at most."""
 
     def tell(self, plan_time: float) -> None:
         """Lets the other end know where in the plan the motion is; NaN when it is in none."""
@@ -32,15 +41,15 @@ class Clock(Protocol):
 class OwnClock:
     """The computer's."""
 
-    hangs_s = 1.0
+    real, hangs_s = True, 1.0
 
     def now(self) -> float:
         """The time."""
         return time.monotonic()
 
-    def wait(self, seconds: float) -> float:
-        """As long."""
-        return seconds
+    def receive(self, bus: can.BusABC, seconds: float) -> can.Message | None:
+        """The next frame, waited for so long at most."""
+        return bus.recv(seconds)
 
     def tell(self, plan_time: float) -> None:
         """Nobody listens."""
@@ -50,41 +59,72 @@ OWN = OwnClock()
 
 
 class SharedClock:
-    """A clock in a file that both ends map; one of them sets it.
+    """A clock in a file that both ends map; one of them sets it, and rings a bell when the other's wait is over.
 
     Args:
         file: exists; see :meth:`create`.
     """
 
-    hangs_s = 30.0
+    real, hangs_s = False, 30.0
 
     def __init__(self, file: Path) -> None:
         with file.open("r+b") as f:
             self._map = mmap.mmap(f.fileno(), _VALUES.size)
+        self._bell = os.open(_bell(file), os.O_RDWR | os.O_NONBLOCK)
 
     @classmethod
     def create(cls, file: Path) -> SharedClock:
         """Makes the file and begins at 0."""
-        file.write_bytes(_VALUES.pack(0.0, math.nan))
+        file.write_bytes(_VALUES.pack(0.0, math.nan, math.inf))
+        os.mkfifo(_bell(file))
         return cls(file)
+
+    def __del__(self) -> None:
+        with suppress(AttributeError, OSError):
+            os.close(self._bell)
 
     def now(self) -> float:
         """The time."""
-        return _VALUES.unpack_from(self._map)[0]
+        return self._get(_NOW)
 
-    def wait(self, seconds: float) -> float:
-        """Until it is worth looking again: whoever sets the clock decides how fast it goes."""
-        return min(seconds, _POLL_S)
+    def receive(self, bus: can.BusABC, seconds: float) -> can.Message | None:
+        """The next frame, waited for so long at most: however long that takes whoever sets the clock.
+
+        Args:
+            bus: one that can be waited for (``fileno``).
+            seconds: of this clock.
+        """
+        due = self.now() + seconds
+        self._put(_DUE, due)
+        if self.now() < due:
+            select.select([bus.fileno(), self._bell], [], [], _MISSED_S)
+        with suppress(BlockingIOError):
+            os.read(self._bell, 1)
+        return bus.recv(0)
 
     def set(self, now: float) -> None:
         """It is that late."""
-        struct.pack_into("<d", self._map, 0, now)
+        self._put(_NOW, now)
+        if now >= self._get(_DUE):
+            self._put(_DUE, math.inf)
+            with suppress(BlockingIOError):
+                os.write(self._bell, b"!")
 
     def tell(self, plan_time: float) -> None:
         """Lets the other end know where in the plan the motion is; NaN when it is in none."""
-        struct.pack_into("<d", self._map, 8, plan_time)
+        self._put(_PLAN_TIME, plan_time)
 
     @property
     def plan_time(self) -> float:
         """What was told last."""
-        return _VALUES.unpack_from(self._map)[1]
+        return self._get(_PLAN_TIME)
+
+    def _get(self, at: int) -> float:
+        return struct.unpack_from("<d", self._map, at)[0]
+
+    def _put(self, at: int, value: float) -> None:
+        struct.pack_into("<d", self._map, at, value)
+
+
+def _bell(file: Path) -> Path:
+    return file.with_name(file.name + ".bell")

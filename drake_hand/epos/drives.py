@@ -66,6 +66,8 @@ class DriveSpec(_Strict, frozen=True, kw_only=True):
     homing_current_ma: Annotated[int, Meta(gt=0)] | None = None
     """Motor current at which homing takes the joint to be on its stop."""
     homing_speed_rpm: _Positive | None = None
+    torque_constant_nm_a: _Positive | None = None
+    """Of the motor; where every drive has one, what the fingers press is watched."""
     following_error_counts: Annotated[int, Meta(gt=0)] | None = None
     """The drive's own window (0x6065): beyond it it goes into fault."""
 
@@ -104,6 +106,8 @@ class Drive:
     """1 at the upper end of the joint's travel, -1 at the lower."""
     homing_current_ma: int
     homing_speed_rpm: float
+    torque_constant: float | None
+    """Nm/A."""
     following_error_counts: int
 
     @property
@@ -247,6 +251,17 @@ class Drives:
         """Joint speeds (..., n) [rad/s] of motor speeds (..., n) [rpm]; also accelerations."""
         return (np.asarray(rpm, float) / (self._scale * self._rpm_per_count_rate)) @ self._uncouple.T
 
+    @property
+    def feel(self) -> bool:
+        """Whether torques follow from currents."""
+        return all(d.torque_constant for d in self.drives)
+
+    @cached_property
+    def torque_per_ma(self) -> np.ndarray:
+        """(n, n) joint torques [Nm] of motor currents [mA], gears and cables without friction; where `feel`."""
+        turn = [d.direction * d.cable_ratio * d.gear * (d.torque_constant or 0.0) * 1e-3 for d in self.drives]
+        return self.coupling.T * turn
+
     @cached_property
     def _scale(self) -> np.ndarray:
         """(n,) k, counts per rad of C (q - q0)."""
@@ -304,12 +319,14 @@ def _drive(joint: str, values: dict[str, Any]) -> Drive:
         vendor=known.vendor if vendor is None else vendor, product=known.product if product is None else product
     )
     zero_offset = math.radians(values.pop("zero_offset_deg"))
+    torque_constant = values.pop("torque_constant_nm_a")
     stop, side = values.pop("stop_deg"), values.pop("stop_side")
     return Drive(
         joint=joint,
         identity=identity,
         zero_offset=zero_offset,
         stop=None if stop is None else math.radians(stop),
+        torque_constant=torque_constant,
         stop_side=1 if side == "upper" else -1,
         **values,
     )

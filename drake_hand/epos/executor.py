@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from drake_hand.epos import discovery
 from drake_hand.epos.clock import OWN, Clock
 from drake_hand.epos.configure import configure, release
 from drake_hand.epos.drives import Drive, Drives
+from drake_hand.epos.grip import Grip
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.person import AGREES, Person
@@ -48,6 +49,8 @@ class Progress:
     """Plan time."""
     tracking_deg: float = 0.0
     sync_late_ms: float = 0.0
+    grip: dict[str, float] = field(default_factory=dict)
+    """Share of its planned press that each finger shows which has to press."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +105,7 @@ def execute(
     person: Person = AGREES,
     hold: bool = False,
     clock: Clock = OWN,
+    feel: Callable[[Schedule], Grip] | None = None,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
@@ -119,6 +123,7 @@ def execute(
         problems: what is known to be wrong already, one line each.
         person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
         clock: of the bus, where simulated drives share one.
+        feel: makes what judges the fingers' grip, where an object is, or will be, in the hand.
         hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
         progress: called a few times a second.
@@ -141,7 +146,8 @@ def execute(
             if found:
                 raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
-            run = _play(master, plan, schedule, str(bus.channel_info), person, hold, progress, off)
+            player = Player(schedule, master.send, master.clock.tell, feel(schedule) if feel else None)
+            run = _play(master, plan, player, str(bus.channel_info), person, hold, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
             release(master, off)
@@ -188,7 +194,7 @@ def _operational(master: Master, drives: Drives) -> list[str]:
 def _play(
     master: Master,
     plan: Plan,
-    schedule: Schedule,
+    player: Player,
     bus_name: str,
     person: Person,
     hold: bool,
@@ -196,8 +202,7 @@ def _play(
     off: list[Drive],
 ) -> Run:
     """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
-    drives = schedule.drives
-    player = Player(schedule, master.send, master.clock.tell)
+    schedule, drives = player.schedule, player.schedule.drives
     started = datetime.now(UTC).isoformat(timespec="seconds")
     wants_open = False
     with _signals(player, _touching(plan) if hold else []):
@@ -265,6 +270,7 @@ def _watch(player: Player, person: Person, progress: Callable[[Progress], None],
                 time_s=max(when, 0.0),
                 tracking_deg=tracking,
                 sync_late_ms=late,
+                grip=player.grip.shares if player.grip else {},
             )
         )
     return decision == "open"

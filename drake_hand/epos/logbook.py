@@ -41,6 +41,7 @@ class Logbook:
         self._t, self._late = np.full(k, 0.0), np.full(k, 0.0)
         self._step, self._playing = np.full(k, -1), np.full(k, False)
         self._position = np.full((k, n), np.nan)
+        self._current = np.full((k, n), np.nan, np.float32)
         self._status, self._queued = np.full((k, n), 0, np.uint16), np.full((k, n), NO_QUEUE, np.int16)
         self._has_queue = [d.type == "epos2" for d in schedule.drives.drives]
         self._open = False
@@ -58,6 +59,7 @@ class Logbook:
             return
         i, self._open = self.rows, False
         self._position[i] = [a.position if a.answered else np.nan for a in axes]
+        self._current[i] = [a.current_ma if a.answered else np.nan for a in axes]
         self._status[i] = [a.statusword for a in axes]
         self._queued[i] = [a.queued if q else NO_QUEUE for a, q in zip(axes, self._has_queue, strict=True)]
         self.rows += 1
@@ -84,6 +86,7 @@ class Logbook:
             playing=self._playing[:k],
             commanded=self._schedule.q[self._step[:k]],
             measured=joints_where_known(drives, self._position[:k]),
+            current_ma=self._current[:k],
             status=self._status[:k],
             queued=self._queued[:k],
         )

@@ -141,7 +141,7 @@ class Master:
         self._thread = threading.Thread(target=self._run, name="can-bus", daemon=True)
 
     def __enter__(self) -> Master:
-        if self._heartbeat_s:
+        if self._heartbeat_s and self.clock.real:
             self._quiet.enter_context(realtime.quiet_interpreter())
         self._thread.start()
         return self
@@ -233,7 +233,7 @@ class Master:
         self._cyclic = None
 
     def _run(self) -> None:
-        self.realtime = realtime.claim()
+        self.realtime = self.clock.real and realtime.claim()
         while not self._closing.is_set():
             try:
                 self._step()
@@ -252,7 +252,7 @@ class Master:
             due = min(due, self._next_heartbeat)
         if self._cyclic:
             due = min(due, self._next_sync)
-        message = self._bus.recv(max(0.0, self.clock.wait(due - now)))
+        message = self.clock.receive(self._bus, max(0.0, due - now))
         if message is not None:
             self._receive(message)
         now = self.clock.now()

@@ -42,6 +42,8 @@ class Pose:
     """(n,) rad."""
     states: tuple[State, ...] = ()
     """Of each drive, as last heard; UNKNOWN before."""
+    current_ma: np.ndarray | None = None
+    """(n,) of each motor, as last heard; 0 before; None in a replay."""
 
     @property
     def error(self) -> np.ndarray:
@@ -60,6 +62,7 @@ class _Listener:
         self._layout, self._type = pdo.LAYOUT[drive.type], drive.type
         self._per_rpm = drive.counts_per_turn / 60
         self.measured = self._target = np.nan
+        self.current_ma = 0
         self.state = State.UNKNOWN
         self._latched = 0
         self._word: int | None = None  # no SYNC heard yet: bit 4 may have risen before
@@ -100,6 +103,10 @@ class _Listener:
                 self._queue.popleft()
             self._started = t
 
+    def feels(self, data: bytes) -> None:
+        """Its current PDO."""
+        (self.current_ma,) = self._layout.current.unpack(data)
+
     def commanded(self, t: float) -> float:
         """Where it ought to be at bus time t; NaN when unknown or not enabled."""
         if self.state is not State.OPERATION_ENABLED:
@@ -135,6 +142,7 @@ class Mirror:
             layout = pdo.LAYOUT[drive.type]
             self._wiring[layout.command.cob_id(drive.node)] = listener, "command"
             self._wiring[layout.status.cob_id(drive.node)] = listener, "status"
+            self._wiring[layout.current.cob_id(drive.node)] = listener, "current"
             if layout.record:
                 self._wiring[layout.record.cob_id(drive.node)] = listener, "record"
                 self._wiring[pdo.SDO_RX_BASE + drive.node] = listener, "sdo"
@@ -159,6 +167,8 @@ class Mirror:
                 listener.told(data)
             elif kind == "status":
                 listener.says(data, t)
+            elif kind == "current":
+                listener.feels(data)
             elif kind == "record" and len(data) == 8:
                 listener.queued(data)
             elif data[:4] == _CLEAR_QUEUE:
@@ -175,6 +185,7 @@ class Mirror:
             commanded=self._joints(commanded),
             measured=self._joints(measured),
             states=tuple(x.state for x in self._listeners),
+            current_ma=np.array([x.current_ma for x in self._listeners]),
         )
 
     def _joints(self, counts: np.ndarray) -> np.ndarray:

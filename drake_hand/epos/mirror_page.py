@@ -19,7 +19,7 @@ PAGE = """<!doctype html>
     <thead><tr><th>joint<th>told<th>is<th>off deg<th>drive</tr></thead>
     <tbody id="rows"></tbody>
   </table>
-  <p>solid: measured; blue ghost: commanded</p>
+  <p>solid: measured; blue ghost: commanded; green ghost: the twin, where there is one</p>
 </aside>
 <script>
   const cell = (text, colour) => {

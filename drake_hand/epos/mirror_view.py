@@ -22,6 +22,7 @@ from drake_hand.epos.mirror_page import PAGE
 from drake_hand.errors import DriveError, InputError, nearest
 
 _SOLID, _GHOST, _GHOST_OPACITY = 0xC8CDD2, 0x2F7FD6, 0.35
+_TWIN = 0x2E9E4F
 _OBJECT = 0xE0A030
 _GREY, _RED = np.array([0.78, 0.80, 0.82]), np.array([0.85, 0.10, 0.10])
 _SHADES = 8
@@ -252,6 +253,8 @@ class MirrorView:
         to_middle[:3, 3] = -self._measured.centre
         scene["hands"].set_transform(to_middle)
         self._object = scene["hands/object"]
+        self._twin: _HandModel | None = None
+        self._add_twin = lambda: _HandModel(urdf, joints, scene["hands/twin"], _TWIN, _GHOST_OPACITY)
         # from the palm's side, a little from above; in the camera's frame y is up
         scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9 * size, 0.25 * size, 0.35 * size])
 
@@ -266,14 +269,22 @@ class MirrorView:
 
         self._object.set_object(TriangularMeshGeometry(vertices, faces), MeshPhongMaterial(color=_OBJECT))
 
-    def show(self, pose: Pose, X_WO: np.ndarray | None = None, words: str = "") -> None:
+    def add_twin(self) -> None:
+        """Puts a third hand there, the simulated one, as a green ghost."""
+        self._twin = self._add_twin()
+
+    def show(self, pose: Pose, X_WO: np.ndarray | None = None, words: str = "", twin: np.ndarray | None = None) -> None:
         """Draws a pose; a commanded joint that is not known lies on the measured one.
 
         Args:
             pose: of both hands.
-            X_WO: (4, 4) where the plan has the object.
+            X_WO: (4, 4) where the plan, or the twin, has the object.
             words: what stands above the panel.
+            twin: (n,) joints of the simulated hand, rad.
         """
+        if self._twin and twin is not None:
+            for link, X_WL in self._twin.move(twin).items():
+                self._twin.show(link, X_WL)
         if X_WO is not None:
             self._object.set_transform(X_WO)
         error = np.degrees(np.abs(pose.error))

@@ -7,6 +7,7 @@
 | stop, RPDO4 | 0x500 + node | at once | controlword |
 | status, TPDO1 | 0x180 + node | every SYNC | statusword, position 0x6064; epos2: + records queued 0x60C4:04 |
 | interpolation, TPDO2 | 0x280 + node | on change | epos2: interpolation status 0x20C4:01 |
+| current, TPDO3 | 0x380 + node | every SYNC | motor current |
 
 A drive applies the last command received before a SYNC when that SYNC arrives, and samples its status at the same SYNC.
 PDOs that a type does not use are disabled (bit 31 of the COB-ID).
@@ -90,13 +91,16 @@ class Layout:
     command: Pdo
     stop: Pdo
     status: Pdo
+    current: Pdo
     record: Pdo | None = None
     interpolation: Pdo | None = None
 
     @property
     def all(self) -> tuple[Pdo, ...]:
         """Those in use."""
-        return tuple(p for p in (self.command, self.record, self.stop, self.status, self.interpolation) if p)
+        return tuple(
+            p for p in (self.command, self.record, self.stop, self.status, self.interpolation, self.current) if p
+        )
 
 
 _STOP = Pdo(direction="rx", number=4, transmission=ON_EVENT, entries=(od.CONTROLWORD,))
@@ -110,6 +114,10 @@ def _status(*more: Obj) -> Pdo:
     return Pdo(direction="tx", number=1, transmission=ON_SYNC, entries=(od.STATUSWORD, od.POSITION_ACTUAL, *more))
 
 
+def _current(type_: DriveType) -> Pdo:
+    return Pdo(direction="tx", number=3, transmission=ON_SYNC, entries=(od.CURRENT_ACTUAL[type_],))
+
+
 LAYOUT: dict[DriveType, Layout] = {
     "epos2": Layout(
         command=_command(),
@@ -117,9 +125,12 @@ LAYOUT: dict[DriveType, Layout] = {
         stop=_STOP,
         status=_status(od.IP_BUFFER_USED),
         interpolation=Pdo(direction="tx", number=2, transmission=ON_EVENT, entries=(od.IP_STATUS,)),
+        current=_current("epos2"),
     ),
-    "epos4": Layout(command=_command(od.TARGET_POSITION), stop=_STOP, status=_status()),
-    "epos1": Layout(command=_command(od.POSITION_MODE_SETTING), stop=_STOP, status=_status()),
+    "epos4": Layout(command=_command(od.TARGET_POSITION), stop=_STOP, status=_status(), current=_current("epos4")),
+    "epos1": Layout(
+        command=_command(od.POSITION_MODE_SETTING), stop=_STOP, status=_status(), current=_current("epos1")
+    ),
 }
 
 

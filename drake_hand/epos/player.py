@@ -15,6 +15,7 @@ import can
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.backend import Backend
 from drake_hand.epos.csp import CspBackend
+from drake_hand.epos.grip import Grip
 from drake_hand.epos.logbook import Logbook
 from drake_hand.epos.objects import DriveType
 from drake_hand.epos.pdo import SYNC_COB
@@ -45,6 +46,8 @@ RECORDS_PER_SYNC = 2
 """While loading the queues: a third of the bus at 10 ms and 1 Mbit/s."""
 HOLD_S = 60.0
 """How long a halted hand holds before it is stopped: motors that press get warm."""
+_FELT = ("playing", "settling", "waiting", "holding")
+"""Stages in which the fingers press as the plan has them press."""
 _STILL = 3
 _ERRORS_AT_MOST = 20
 
@@ -63,6 +66,7 @@ class Player:
         schedule: the motion.
         send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
         tell: told the plan time of each SYNC once the motion has begun.
+        grip: judges what the fingers press, where an object is in the hand.
     """
 
     def __init__(
@@ -70,8 +74,9 @@ class Player:
         schedule: Schedule,
         send: Callable[[int, bytes], None],
         tell: Callable[[float], None] = lambda _: None,
+        grip: Grip | None = None,
     ) -> None:
-        self.schedule = schedule
+        self.schedule, self.grip = schedule, grip
         self.watch = Watch(schedule.drives)
         self.axes = self.watch.axes
         self.faults: list[Fault] = []
@@ -132,6 +137,8 @@ class Player:
         self._now = now
         self.log.close_row(self.axes)
         self._react(self.watch.period_ends(now))
+        if self.grip and self.step >= 0 and self.stage in _FELT:
+            self._react(self.watch.fault("grip", text, now) for text in self.grip.look(self.step, self.axes))
         self._take_requests()
         self._take_hold()
         if self._streams and late > self.schedule.period and self._moving:

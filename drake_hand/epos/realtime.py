@@ -29,8 +29,9 @@ def _set(thread: int, priority: int) -> bool:
 def quiet_interpreter() -> Iterator[None]:
     """While others depend on a bus thread, keeps the rest of this process from holding the interpreter for long.
 
-    No garbage collection over what exists already (a second, in a program that has loaded much); short turns; and real-time priority for every thread, since one
-    that waits for a processor while it holds the interpreter would hold up the bus thread too.
+    No garbage collection over what exists already (half a second, in a program that has loaded much); short turns; and
+    real-time priority for every thread, since one that waits for a processor while it holds the interpreter would hold
+    up the bus thread too.
     """
     switch = sys.getswitchinterval()
     raised = [thread for thread in _ordinary_threads() if _set(thread, _REST_PRIORITY)]

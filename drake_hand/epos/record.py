@@ -27,7 +27,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
 
     kind: str
     """``emcy``, ``fault`` (bit or state), ``following``, ``silent``, ``queue``, ``heartbeat``, ``late``, ``reboot``,
-    ``bus``, ``interrupt``, ``internal``; ``start`` (moved before it), ``enable``, ``skew`` (not in step), ``stuck``."""
+    ``bus``, ``grip`` (a finger presses otherwise than planned), ``interrupt``, ``internal``; ``start`` (moved before
+    it), ``enable``, ``skew`` (not in step), ``stuck``."""
     text: str
     """In words, with the joint."""
     time_s: float
@@ -85,6 +86,8 @@ class RunRecord:
     """(k, n) rad."""
     measured: np.ndarray
     """(k, n) rad; NaN where the drive did not answer."""
+    current_ma: np.ndarray
+    """(k, n) float32, of the motors; NaN where the drive did not answer."""
     status: np.ndarray
     """(k, n) uint16 status words (the last heard)."""
     queued: np.ndarray
@@ -165,6 +168,7 @@ _ARRAYS: dict[str, tuple[type, bool]] = {
     "playing": (np.bool_, False),
     "commanded": (np.float64, True),
     "measured": (np.float64, True),
+    "current_ma": (np.float32, True),
     "status": (np.uint16, True),
     "queued": (np.int16, True),
 }

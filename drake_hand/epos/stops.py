@@ -41,6 +41,7 @@ class Watch:
         self._interpolation = {
             a.layout.interpolation.cob_id(a.drive.node): a for a in self.axes if a.layout.interpolation
         }
+        self._current = {a.layout.current.cob_id(a.drive.node): a for a in self.axes}
         self._limit = [FOLLOWING_SHARE * d.following_error_counts for d in drives.drives]
         self._consumer_s = drives.bus.heartbeat_consumer_ms * 1e-3
         self._begun: float | None = None
@@ -63,6 +64,8 @@ class Watch:
             if axis.take_status(data):
                 yield from self._check_state(axis, now)
                 yield from self._check_following(axis, now)
+        elif axis := self._current.get(cob):
+            axis.take_current(data)
         elif axis := self._interpolation.get(cob):
             if axis.take_interpolation(data):
                 yield from self._check_queue(axis, now)

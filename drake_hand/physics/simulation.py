@@ -159,6 +159,13 @@ class Physics:
         """Has the fixture hold the object again, where it is."""
         self._fixture.Lock(self._context)
 
+    def take_away(self) -> None:
+        """Takes the object out of the hand, a metre below it, and holds it there."""
+        X_WO = self.plant.EvalBodyPoseInWorld(self._context, self._object)
+        self._fixture.Unlock(self._context)
+        self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO.translation() - [0.0, 0.0, 1.0]))
+        self._fixture.Lock(self._context)
+
     def command(self, q: np.ndarray, v: np.ndarray) -> None:
         """From now on the servos are told q (nq,), going on with v (nq,), instead of what was told before."""
         t = self.time

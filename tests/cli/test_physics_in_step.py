@@ -1,14 +1,20 @@
 """The whole chain with the object in the hand: plan, CAN, encoders, motors, cables, contacts."""
 
 import json
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drake_hand.cli import run
-
-pytestmark = pytest.mark.clocked
+from drake_hand.cli.drives_grip import feel
+from drake_hand.cli.drives_physics import Mishap, spawn_physical_hand
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.executor import execute
+from drake_hand.epos.schedule import Schedule
+from drake_hand.plans.plan import Plan
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +55,38 @@ def test_a_grasp_handed_over_and_carried_a_little(carry, capsys, tmp_path):
 def test_physics_needs_simulated_drives(carry, capsys):
     assert run(["execute", str(carry), "--drives", "kanguera", "--physics"]) == 2
     assert "--simulate --physics" in capsys.readouterr().err
+
+
+def stopped_by(file, mishap: Mishap, at_s: float) -> tuple[str, float]:
+    """What stops a run in which something happens at a plan time, and how long after."""
+    plan, drives, when = Plan.load(file), Drives.load(), []
+    with spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0]) as hand, hand.spawned.open_bus() as bus:
+
+        def act():
+            while not hand.clock.plan_time > at_s:
+                time.sleep(1e-3)
+            hand.spawned.inject(mishap)
+            when.append(hand.clock.plan_time)
+
+        threading.Thread(target=act, daemon=True).start()
+        run = execute(plan, drives, bus, clock=hand.clock, feel=feel(plan, drives))
+    assert not run.record.header.not_disabled
+    (fault,) = run.record.header.faults
+    assert fault.kind == "grip"
+    return fault.text, float(run.record.plan_time[run.record.playing][-1]) - when[0]
+
+
+def test_an_object_that_is_taken_away_is_missed_within_a_fifth_of_a_second(carry):
+    words, after_s = stopped_by(carry, Mishap(kind="object_taken"), 4.3)
+    assert words == "the object is gone: no finger presses in part 1"
+    assert after_s <= 0.2
+
+
+@pytest.mark.slow
+def test_a_finger_whose_cable_comes_off_is_named(carry):
+    words, after_s = stopped_by(carry, Mishap(kind="cable_off", joint="ring_flexion"), 4.3)
+    assert words == "ring lost contact in part 1"
+    assert after_s <= 1.0
 
 
 @pytest.mark.slow

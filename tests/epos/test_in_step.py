@@ -17,6 +17,7 @@ from drake_hand.epos.schedule import Excerpt
 from drake_hand.epos.sim import in_step as in_step_module
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import serve_in_step
+from drake_hand.epos.sim.process import free_channel
 from drake_hand.epos.state import State
 
 pytestmark = pytest.mark.clocked
@@ -36,12 +37,10 @@ class Springs:
 
 
 @contextmanager
-def in_step(drives, world, tmp_path, channel):
+def in_step(drives, world, tmp_path):
     clock, stop = SharedClock.create(tmp_path / "clock"), threading.Event()
-    with (
-        can.Bus(interface="virtual", channel=channel) as ours,
-        can.Bus(interface="virtual", channel=channel) as theirs,
-    ):
+    bus, channel = drives.bus, free_channel()
+    with bus.open("udp_multicast", channel) as ours, bus.open("udp_multicast", channel) as theirs:
         sim = SimulatedDrives(theirs, drives)
         sim.boot(0.0)
         thread = threading.Thread(target=serve_in_step, args=(sim, theirs, clock, world, stop))
@@ -58,7 +57,7 @@ def in_step(drives, world, tmp_path, channel):
 def test_however_slow_the_world_is_no_sync_is_late(slow_s, tmp_path):
     """EPOS4 and EPOS 24/1 among the drives, which a late SYNC stops; a step of the world takes four of its own."""
     drives, world = drives_of("mix"), Springs(slow_s=slow_s)
-    with in_step(drives, world, tmp_path, f"step{slow_s}") as (bus, sim, clock):
+    with in_step(drives, world, tmp_path) as (bus, sim, clock):
         begun, at = time.monotonic(), clock.now()
         answer = execute(swing(drives.joints, 0.6), drives, bus, clock=clock).answer()
         took, passed = time.monotonic() - begun, clock.now() - at
@@ -74,7 +73,7 @@ def test_the_clock_waits_for_a_master_that_is_held_up(tmp_path):
     """0.2 s of the computer's time, twenty periods: not one SYNC is missed by it."""
     drives, world = drives_of("epos4"), Springs()
 
-    with in_step(drives, world, tmp_path, "stall") as (bus, _, clock):
+    with in_step(drives, world, tmp_path) as (bus, _, clock):
         send, count = bus.send, [0]
 
         def slowly(message, timeout=None):
@@ -104,7 +103,7 @@ def test_what_pushes_a_joint_is_held_and_shows_as_current(tmp_path):
             self.current = [m.current_ma for m in sim.motors]
             return clock.now() - self.since > 0.3
 
-    with in_step(drives, world, tmp_path, "push") as (bus, sim, clock):
+    with in_step(drives, world, tmp_path) as (bus, sim, clock):
         person = Looks()
         excerpt = Excerpt(pauses_s=(0.4,))
         run = execute(swing(drives.joints, 0.8, swings=2), drives, bus, clock=clock, person=person, excerpt=excerpt)
@@ -118,7 +117,7 @@ def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(in_step_module, "GONE_LOOKS", 30)
     drives, world = drives_of("epos2"), Springs()
 
-    with in_step(drives, world, tmp_path, "gone") as (bus, sim, clock):
+    with in_step(drives, world, tmp_path) as (bus, sim, clock):
 
         def die(progress):
             if progress.stage == "playing":

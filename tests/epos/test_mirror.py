@@ -210,6 +210,7 @@ def ramp_record():
         commanded=ramp,
         measured=ramp - 0.1,
         status=np.zeros((k, 2), np.uint16),
+        current_ma=np.zeros((k, 2), np.float32),
         queued=np.zeros((k, 2), np.int16),
     )
 

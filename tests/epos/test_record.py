@@ -41,6 +41,7 @@ def run(delay: float = 0.0, k: int = 60) -> RunRecord:
         commanded=q,
         measured=seen,
         status=np.full((k, 2), 0x0637, np.uint16),
+        current_ma=np.zeros((k, 2), np.float32),
         queued=np.full((k, 2), NO_QUEUE, np.int16),
     )
 

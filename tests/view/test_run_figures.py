@@ -28,6 +28,7 @@ def record() -> RunRecord:
         commanded=commanded,
         measured=commanded - np.radians(0.5),
         status=np.zeros((k, 4), dtype=np.uint16),
+        current_ma=np.zeros((k, 4), np.float32),
         queued=np.zeros((k, 4), dtype=np.int16),
     )
 

@@ -22,13 +22,16 @@ from drake_hand.epos.drives import Drives
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load
 
-FrameKind = Literal["nmt", "sync", "emcy", "command", "record", "stop", "status", "interpolation", "sdo", "heartbeat"]
+FrameKind = Literal[
+    "nmt", "sync", "emcy", "command", "record", "stop", "status", "interpolation", "current", "sdo", "heartbeat"
+]
 _BY_BASE: dict[int, FrameKind] = {
     0x200: "command",
     0x300: "record",
     0x500: "stop",
     0x180: "status",
     0x280: "interpolation",
+    0x380: "current",
     0x580: "sdo",
     0x600: "sdo",
     0x700: "heartbeat",

@@ -12,11 +12,13 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from io import FileIO, RawIOBase
 from pathlib import Path
+from typing import TypeVar
 
 import can
 import msgspec
@@ -24,12 +26,14 @@ import numpy as np
 
 from drake_hand.epos.bus import UDP_GROUP, BusSpec
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import Fault, FaultsFile
 from drake_hand.errors import DrakeHandError, DriveError
 from drake_hand.files import convert
 
 _READY = b"ready\n"
+_Setup = TypeVar("_Setup", bound=msgspec.Struct)
 _END_S, _LOOK_S = 5.0, 0.2
 
 
@@ -59,8 +63,8 @@ class SpawnedDrives:
         """Opens a bus to them; the caller shuts it down."""
         return BusSpec().open(self.interface, self.channel)
 
-    def inject(self, fault: Fault) -> None:
-        """Lets a fault happen now."""
+    def inject(self, fault: msgspec.Struct) -> None:
+        """Lets a fault happen now: a `Fault`, or what else they know to suffer."""
         assert self.process.stdin is not None
         self.process.stdin.write(msgspec.json.encode(fault) + b"\n")
         self.process.stdin.flush()
@@ -99,9 +103,25 @@ def spawn_simulated_drives(
         faults=faults.faults if faults else [],
         seed=seed,
     )
+    with child(["-m", "drake_hand.epos.sim.process"], setup, "the simulated drives") as process:
+        yield SpawnedDrives(channel=channel, process=process)
+
+
+@contextmanager
+def child(arguments: Sequence[str], setup: msgspec.Struct, who: str) -> Iterator[subprocess.Popen]:
+    """A Python process that is told its setup and says when it is ready; it ends when its input does.
+
+    Args:
+        arguments: of the interpreter.
+        setup: its first line of input; see :func:`begin`.
+        who: it is, in an error.
+
+    Raises:
+        DriveError: it did not get ready.
+    """
     # a session of its own: Ctrl-C reaches the master alone, which still has to stop these drives
     process = subprocess.Popen(
-        [sys.executable, "-m", "drake_hand.epos.sim.process"],
+        [sys.executable, *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -114,10 +134,27 @@ def spawn_simulated_drives(
         process.stdin.write(msgspec.json.encode(setup) + b"\n")
         process.stdin.flush()
         if process.stdout.readline() != _READY:
-            raise DriveError(f"the simulated drives did not start: {process.stderr.read().decode().strip()}")
-        yield SpawnedDrives(channel=channel, process=process)
+            raise DriveError(f"{who} did not start: {process.stderr.read().decode().strip()}")
+        yield process
     finally:
         end(process)
+
+
+def begin(setup: type[_Setup]) -> tuple[FileIO, _Setup]:
+    """In a child: its input, from which more may come, and its setup. Ctrl-C is the parent's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    commands = standard_input()
+    return commands, msgspec.json.decode(commands.readline(), type=setup)
+
+
+def standard_input() -> FileIO:
+    """Unbuffered, so that a thread that still waits for it does not hold up the end of the process."""
+    return FileIO(0, closefd=False)
+
+
+def ready() -> None:
+    """In a child: says that it is."""
+    os.write(1, _READY)
 
 
 def end(process: subprocess.Popen) -> None:
@@ -140,20 +177,24 @@ def free_channel() -> str:
         return f"{UDP_GROUP}:{s.getsockname()[1]}"
 
 
-def standard_input() -> FileIO:
-    """Unbuffered, so that a thread that still waits for it does not hold up the end of the process."""
-    return FileIO(0, closefd=False)
-
-
-def listen(simulated: SimulatedDrives, commands: RawIOBase, ended: threading.Event) -> None:
-    """Injects faults that come in as JSON lines; sets `ended` when no more can come."""
+def listen(take: Callable[[dict], None], commands: RawIOBase, ended: threading.Event) -> None:
+    """Hands on what comes in as JSON lines; sets `ended` when no more can come."""
     for line in commands:
         try:
             if line.strip():
-                simulated.inject(convert(msgspec.json.decode(line), Fault, file="(standard input)"))
+                take(msgspec.json.decode(line, type=dict))
         except (DrakeHandError, msgspec.DecodeError) as e:
             print(f"drake-hand: {e}", file=sys.stderr, flush=True)
     ended.set()
+
+
+def inject(simulated: SimulatedDrives, command: dict) -> None:
+    """Lets a fault that came in happen.
+
+    Raises:
+        InputError: it is none.
+    """
+    simulated.inject(convert(command, Fault, file="(standard input)"))
 
 
 def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event, *, until_eof: bool) -> None:
@@ -166,15 +207,14 @@ def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event
         until_eof: whether the end of `commands` ends it too.
     """
     ended = stop if until_eof else threading.Event()
-    threading.Thread(target=listen, args=(simulated, commands, ended), name="fault commands", daemon=True).start()
+    take = partial(inject, simulated)
+    threading.Thread(target=listen, args=(take, commands, ended), name="fault commands", daemon=True).start()
     while simulated.running and not stop.wait(_LOOK_S):
         pass
 
 
 def _child() -> int:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    commands = standard_input()
-    setup = msgspec.json.decode(commands.readline(), type=Setup)
+    commands, setup = begin(Setup)
     try:
         drives = Drives.load(setup.drives)
         with drives.bus.open("udp_multicast", setup.channel) as bus:
@@ -187,8 +227,8 @@ def _child() -> int:
                 faults=FaultsFile(faults=setup.faults),
                 seed=setup.seed,
             )
-            with simulated:
-                os.write(1, _READY)
+            with simulated, quiet_interpreter():
+                ready()
                 serve(simulated, commands, threading.Event(), until_eof=True)
     except (DrakeHandError, can.CanError, OSError) as e:
         print(e, file=sys.stderr)

@@ -1,0 +1,48 @@
+"""The twin, told what the bus shows: the same where the drives press as it does, and who differs where they do not."""
+
+import numpy as np
+import pytest
+
+from drake_hand.cli.drives_twin import Twin
+from drake_hand.contact.press import press
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.mirror import Pose
+from drake_hand.plans.trajectory import Trajectory
+
+DRIVES = Drives.load()
+DT = 0.02
+
+
+@pytest.fixture(scope="module")
+def carry():
+    from drake_hand.api import plan
+
+    return plan("carry")
+
+
+def said(plan, until_s: float, shares: dict[str, float]) -> tuple[Twin, list[str]]:
+    """Plays into a twin what drives would show that press so much of what is planned, finger by finger."""
+    twin, lines = Twin(plan, DRIVES), []
+    columns = DRIVES.columns(plan.joints)
+    t = np.arange(0.0, until_s, DT)
+    q, torque = Trajectory(plan).at(t).q_command[:, columns], press(plan, twin.hand, t)
+    for i, row in enumerate(q):
+        share = np.array([shares.get(f.name, 1.0) for j in DRIVES.joints for f in twin.hand.fingers if j in f.joints])
+        turns = torque.contact[i, columns] * share + torque.weight[i, columns]
+        current = np.linalg.solve(DRIVES.torque_per_ma, turns)
+        lines += twin.follow(Pose(t=t[i], commanded=row, measured=row, current_ma=current))
+    return twin, lines
+
+
+def test_a_twin_of_a_hand_that_does_as_planned_has_nothing_to_say(carry):
+    twin, lines = said(carry, 5.5, {})
+    assert lines == []
+    assert "twin: the same" in twin.words
+    assert np.linalg.norm(twin.X_WO[:3, 3] - Trajectory(carry).at(5.5).X_WO[0, :3, 3]) < 3e-3
+
+
+def test_a_finger_that_does_not_press_is_named(carry):
+    _, lines = said(carry, 5.5, {"ring": 0.0})
+    assert len(lines) == 1
+    assert lines[0].startswith("ring: the drives turn with ")
+    assert "part 1" in lines[0]
