@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.output import naming, print_json, print_table, progress_display
 from drake_hand.feedback.sensor import PoseSensor
-from drake_hand.files import write_atomic
+from drake_hand.files import require_folder, write_atomic
 from drake_hand.plans.plan import Plan
 
 if TYPE_CHECKING:
@@ -56,6 +56,8 @@ def simulate(
         sensor: how well it sees.
         json: print one JSON object on stdout.
     """
+    if html:
+        require_folder(html)
     from drake_hand.physics.runs import Interrupted
     from drake_hand.physics.runs import simulate as replay
     from drake_hand.view.replay import render_replay
