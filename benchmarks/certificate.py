@@ -90,8 +90,8 @@ def broken(plan: Plan, rng: np.random.Generator) -> tuple[str, Plan]:
 
     def last_goal() -> Plan:
         motion = list(task.motion)
-        i = max(i for i, s in enumerate(motion) if s.rotate)
-        motion[i] = Step(rotate=replace(motion[i].rotate, angle_deg=motion[i].rotate.angle_deg + sign * size))
+        i, turn = [(i, s.rotate) for i, s in enumerate(motion) if s.rotate][-1]
+        motion[i] = Step(rotate=replace(turn, angle_deg=turn.angle_deg + sign * size))
         return replace(plan, task=replace(task, motion=motion))
 
     kinds = {
@@ -163,7 +163,8 @@ def main() -> None:
     rng = np.random.default_rng(arguments.seed)
     plans = [("good", p) for p in good] + [broken(good[i % len(good)], rng) for i in range(arguments.broken)]
     scenes: dict[str, Scene] = {}
-    seconds, differ, passed, failed = [0.0, 0.0], 0, Counter(), Counter()
+    seconds, differ = [0.0, 0.0], 0
+    passed, failed = Counter[str](), Counter[str]()
     for kind, plan in plans:
         key = f"{plan.task.hand} {plan.task.object} {plan.object_mass_kg}"
         if key not in scenes:

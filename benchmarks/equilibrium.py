@@ -2,14 +2,16 @@
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from drake_hand.contact.equilibrium import margins
-from drake_hand.contact.forces import balance_forces
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity, margins
+from drake_hand.contact.forces import ForceProblem, balance_forces
 from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 FRICTION, RADIUS, F_MAX, WEIGHT = 0.45, 3e-4, 1.0, np.array([0.0, 0.0, -0.15])
@@ -48,10 +50,8 @@ def cone_program(p: np.ndarray, n: np.ndarray) -> float:
 
 def test(p: np.ndarray, n: np.ndarray) -> np.ndarray:
     """Margins of contact sets."""
-    mask = np.ones(p.shape[:2], bool)
-    return margins(
-        p, n, mask, p_WCom=np.zeros(3), force_W=WEIGHT, friction=FRICTION, torsion_radius=RADIUS, f_max=F_MAX
-    )
+    sets = ContactSets.of_points(p, -n, np.zeros(3))
+    return margins(sets, Capacity(friction=FRICTION, torsion_radius=RADIUS, f_max=F_MAX), WEIGHT)
 
 
 def one_by_one(p: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -90,22 +90,14 @@ knots = 400
 angle = np.radians([-60, -120, -90, 90, 90]) + np.linspace(0, 0.5, knots)[:, None]
 n = -np.stack([np.cos(angle), 0 * angle, np.sin(angle)], -1)
 p = -0.008 * n + np.array([-0.03, -0.03, 0.03, 0.01, -0.02])[:, None] * [0, 1, 0]
-J = np.broadcast_to(0.05 * np.eye(3), (knots, 5, 3, 3))
-times = [
-    seconds(
-        lambda: balance_forces(
-            p,
-            n,
-            np.ones((knots, 5)),
-            p_WCom=np.zeros((knots, 3)),
-            force_W=WEIGHT,
-            friction=FRICTION,
-            torsion_radius=RADIUS,
-            J=J,
-            effort=np.full((5, 3), 0.075),
-            preload=0.5,
-        )
-    )
-    for _ in range(args.repeats)
-]
+sets = replace(ContactSets.of_points(p, -n, np.zeros(3)), J_WP=np.broadcast_to(0.05 * np.eye(3), (knots, 5, 3, 3)))
+problem = ForceProblem(
+    load=np.ones((knots, 5)),
+    preload=0.5,
+    force_W=WEIGHT,
+    friction=FRICTION,
+    torsion_radius=RADIUS,
+    effort=np.full((5, 3), 0.075),
+)
+times = [seconds(lambda: balance_forces(sets, problem)) for _ in range(args.repeats)]
 print(f"force plan, 5 contacts, {knots} knots: {1e3 * median(times) / knots:.2f} ms per knot")

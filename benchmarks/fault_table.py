@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import can
 import msgspec
@@ -56,7 +56,7 @@ def drives_of(types: str, sync_ms: int = 10) -> Drives:
     kanguera = Drives.load()
     bus = msgspec.structs.replace(kanguera.bus, sync_ms=sync_ms)
     cycles: dict[str, list[DriveType]] = {"mix": ["epos2", "epos4", "epos1"], "mix2": ["epos2", "epos4"]}
-    cycle = itertools.cycle(cycles.get(types, [types]))  # type: ignore[list-item]
+    cycle = itertools.cycle(cycles.get(types, [cast(DriveType, types)]))
     made = tuple(replace(d, type=t, identity=IDENTITY[t]) for d, t in zip(kanguera.drives, cycle, strict=False))
     return replace(kanguera, drives=made, bus=bus)
 

@@ -234,7 +234,8 @@ class Reader:
             case _:
                 pass
         buffer = io.BytesIO()
-        np.savez(buffer, header=np.frombuffer(header.encode("utf-8", "surrogatepass"), dtype=np.uint8), **arrays)
+        arrays["header"] = np.frombuffer(header.encode("utf-8", "surrogatepass"), dtype=np.uint8)
+        np.savez(buffer, **arrays)  # type: ignore[arg-type]  # its stubs take arrays by name for options
         packed = buffer.getvalue()
         if rng.random() < 0.3:
             packed = damaged_bytes(packed, rng)
@@ -253,7 +254,6 @@ class Reader:
             nodes=list(self.drives.nodes),
             types=[d.type for d in self.drives.drives],
             sync_ms=10,
-            lead=2,
             bus="virtual",
             realtime=False,
             ok=True,
@@ -262,7 +262,13 @@ class Reader:
         )
         steps = np.arange(k)
         wide = np.linspace(0.0, 1.0, k)[:, None] * np.ones(len(joints))
-        arrays = {"t": steps * 0.01, "late_ms": 0.1 * steps, "step": steps, "playing": steps > 1}
+        arrays = {
+            "t": steps * 0.01,
+            "late_ms": 0.1 * steps,
+            "step": steps,
+            "plan_time": steps * 0.01,
+            "playing": steps > 1,
+        }
         arrays |= {"commanded": wide, "measured": wide + 0.01}
         arrays |= {"status": wide.astype(np.uint16), "queued": wide.astype(np.int16)}
         return arrays, msgspec.json.encode(header).decode()

@@ -7,6 +7,7 @@ python benchmarks/general.py --only cube --seeds 5
 from __future__ import annotations
 
 import argparse
+from typing import Literal
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
@@ -22,7 +23,7 @@ def task(
     gravity: tuple[float, float, float] = UP,
     limit: float = 90.0,
     fingers: list[str] | None = None,
-    hold: str = "equilibrium",
+    hold: Literal["equilibrium", "kinematic"] = "equilibrium",
 ) -> Task:
     """A grasp, and what follows it."""
     return Task(
@@ -35,7 +36,7 @@ def task(
     )
 
 
-def turn(axis: tuple[float, float, float], angle: float, frame: str = "wrist") -> Step:
+def turn(axis: tuple[float, float, float], angle: float, frame: Literal["wrist", "object"] = "wrist") -> Step:
     """About the object's own origin."""
     return Step(rotate=Rotate(axis=axis, angle_deg=angle, frame=frame))
 

@@ -74,9 +74,9 @@ def prepare(out: Path, hands: list[str], objects: list[str]) -> tuple[dict[str, 
     things = dict(named(objects or [*SHAPES]))
     for name in set(things) & set(SHAPES):
         shape = f"<collision><geometry>{SHAPES[name]}</geometry></collision>"
-        file = out / f"{name}.urdf"
-        file.write_text(f'<robot name="{name}"><link name="{name}">{shape}</link></robot>\n')
-        things[name] = str(file.resolve())
+        urdf = out / f"{name}.urdf"
+        urdf.write_text(f'<robot name="{name}"><link name="{name}">{shape}</link></robot>\n')
+        things[name] = str(urdf.resolve())
     return ready, things
 
 

@@ -6,13 +6,14 @@ nothing to compile to anyone who uses it, also where they may write nowhere.
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
 import importlib
 import os
 import shutil
 import stat
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable],
     ```
 
     Code is kept beside the source, else in the user's cache directory, else in one of the user's own below the
-    temporary directory, else in memory. What was compiled beside the source is used wherever new code is kept.
+    temporary directory, else in memory. What was compiled beside the source is used wherever new code is kept. Kernels
+    are compiled into those that call them, across files, so that kept code holds as long as no kernel's file changes.
 
     Args:
         signature: of the only version there is; without one, a version is compiled for every kind of arguments.
@@ -43,8 +45,9 @@ def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable],
     def compile_(function: Callable) -> Any:
         kernel = numba.njit(nogil=True, error_model="numpy")(function)
         if _keep(kernel):
+            index: Any = getattr(kernel, "_cache")._cache_file  # noqa: B009
+            index._version = f"{numba.__version__} {_sources()[1]}"
             _copy_ready(kernel)
-            _forget_unreadable(kernel)
         if signature is not None:
             kernel.compile(signature)
             kernel.disable_compile()
@@ -59,11 +62,18 @@ def prepare() -> list[str]:
     Returns:
         The modules that have some.
     """
-    files = sorted(f for f in PACKAGE.rglob("*.py") if "\nfrom drake_hand.compiled import" in f.read_text("utf-8"))
-    modules = [".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts) for f in files]
+    modules = [".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts) for f in _sources()[0]]
     for module in modules:
         importlib.import_module(module)
     return modules
+
+
+@cache
+def _sources() -> tuple[list[Path], str]:
+    """The files with kernels in them, and a digest of all."""
+    texts = {file: file.read_bytes() for file in sorted(PACKAGE.rglob("*.py"))}
+    texts = {file: text for file, text in texts.items() if b"\nfrom drake_hand.compiled import" in text}
+    return list(texts), hashlib.sha256(b"\0".join(texts.values())).hexdigest()
 
 
 def _keep(kernel: Any) -> bool:
@@ -112,15 +122,6 @@ def _copy_ready(kernel: Any) -> None:
         part = kept / f".{os.getpid()}.{file.name}"
         shutil.copyfile(file, part)
         os.replace(part, kept / file.name)
-
-
-def _forget_unreadable(kernel: Any) -> None:
-    """Discards code kept for an earlier version whose types are gone: numba fails on it instead of seeing its age."""
-    try:
-        kernel._cache._cache_file._load_index()
-    except Exception:  # whatever unpickling it raises
-        with contextlib.suppress(OSError):
-            kernel._cache.flush()
 
 
 if __name__ == "__main__":

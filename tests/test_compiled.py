@@ -22,6 +22,19 @@ def _square(x):
 def length(x):
     return _square(x) ** 0.5
 '''
+PARTS = '''"""What a kernel of another file is made of."""
+from typing import NamedTuple
+
+from drake_hand.compiled import njit
+
+class Pair(NamedTuple):
+    x: float
+    y: float
+
+@njit()
+def half(p):
+    return p.x / 2.0
+'''
 ASK = """
 import drake_hand.kernel as k
 assert k.length(-3.0) == 3.0
@@ -68,6 +81,17 @@ def test_code_kept_for_types_that_are_gone_is_compiled_anew(package, tmp_path):
 def test_code_is_kept_beside_the_source(package, tmp_path):
     assert ask(package, tmp_path) == ["0", str(package / "__pycache__")]
     assert ask(package, tmp_path) == ["1", str(package / "__pycache__")]
+
+
+def test_code_is_compiled_anew_where_a_kernel_of_another_file_has_changed(package, tmp_path):
+    """Numba itself looks at a kernel's own file alone, and cannot even read what it kept of types that have moved."""
+    (package / "parts.py").write_text(PARTS)
+    kernel = KERNEL.replace("import njit\n", "import njit\nfrom drake_hand.parts import Pair, half\n")
+    (package / "kernel.py").write_text(kernel.replace("x * x", "half(Pair(x, 0.0)) * 2.0 * x"))
+    assert ask(package, tmp_path)[0] == "0"
+    assert ask(package, tmp_path)[0] == "1"
+    (package / "parts.py").write_text(PARTS.replace("p.x / 2.0", "p.x / 8.0"))
+    assert ask(package, tmp_path, ASK.replace("== 3.0", "== 1.5"))[0] == "0"
 
 
 def test_code_is_kept_in_a_private_folder_where_there_is_no_home(package, tmp_path):

@@ -105,26 +105,20 @@ def _ik(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 def _equilibrium(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     import numpy as np
 
-    from drake_hand.contact.equilibrium import margins
+    from drake_hand.contact.contact_sets import ContactSets
+    from drake_hand.contact.equilibrium import Capacity, margins
 
     N, k = 20_000, 5
     rng = np.random.default_rng(seed)
 
     def once() -> float:
         angle, along = rng.uniform(0, 2 * np.pi, (N, k)), rng.uniform(-0.03, 0.03, (N, k))
-        n_W = -np.stack([np.cos(angle), np.sin(angle), np.zeros((N, k))], axis=-1)
-        p_WP = -0.008 * n_W
+        n_W = np.stack([np.cos(angle), np.sin(angle), np.zeros((N, k))], axis=-1)
+        p_WP = 0.008 * n_W
         p_WP[..., 2] = along
+        sets = ContactSets.of_points(p_WP, n_W, np.zeros(3))
         start = perf_counter()
-        margins(
-            p_WP,
-            n_W,
-            np.ones((N, k), bool),
-            p_WCom=np.zeros(3),
-            force_W=np.array([-0.1, 0, 0]),
-            friction=0.8,
-            f_max=1.0,
-        )
+        margins(sets, Capacity(friction=0.8, f_max=1.0), np.array([-0.1, 0, 0]))
         return N / (perf_counter() - start)
 
     once()  # compiles

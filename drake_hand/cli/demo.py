@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from drake_hand.cli import plans
 from drake_hand.cli.simulate import simulate
+from drake_hand.files import make_folder
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
@@ -25,7 +26,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     from drake_hand.cli import drives_execute
     from drake_hand.cli.plot import plot
 
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     page, physics = output / "spin.html", output / "spin-physics.html"
     steps = {

@@ -10,7 +10,7 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.output import naming, print_json
 from drake_hand.errors import InputError
-from drake_hand.files import write_atomic
+from drake_hand.files import require_folder, write_atomic
 from drake_hand.plans.plan import Plan
 
 
@@ -40,6 +40,7 @@ def export(
         rate: samples a second.
         json: print one JSON object on stdout.
     """
+    require_folder(output)
     if format == "mujoco":
         return _to_mujoco(file, output, json)
     from drake_hand.plans.export import FORMATS, sample

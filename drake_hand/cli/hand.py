@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from drake_hand.cli.output import print_json, print_table
-from drake_hand.files import write_atomic
+from drake_hand.files import require_folder, write_atomic
 
 app = App(name="hand", help="Examine a hand model, bring in your own.")
 app.command("drake_hand.cli.show:show_hand", name="show")
@@ -34,6 +34,8 @@ def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
         png: also draw the hand: where its palm faces, the order of its fingers, tip spheres, how far joints go.
         json: print one JSON object on stdout.
     """
+    if png:
+        require_folder(png)
     from drake_hand.model.check import check as examine
     from drake_hand.model.check import load
 

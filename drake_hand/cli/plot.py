@@ -7,8 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from drake_hand.errors import InputError
-from drake_hand.files import require_folder
+from drake_hand.files import require_folder, require_place
 from drake_hand.plans.plan import Plan
 
 
@@ -45,10 +44,9 @@ def plot(
     from drake_hand.view.run_figures import draw_run
     from drake_hand.view.sketch import write_gif
 
-    if output.is_file():
-        raise InputError("this is a file", key="--output", found=output, expected="the name of a folder")
-    if not output.is_dir():
-        require_folder(output)
+    require_place(output)
+    if gif:
+        require_folder(gif)
     kinds = [kind.strip() for kind in formats.split(",")]
     if file.name.endswith(record.SUFFIX):
         files = draw_run(record.RunRecord.load(file), output, formats=kinds)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drake_hand.cli.output import naming
 from drake_hand.errors import InputError
-from drake_hand.files import bundled, write_atomic
+from drake_hand.files import bundled, require_folder, write_atomic
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX, Task
 
@@ -29,6 +29,8 @@ def show(file: str, /, *, html: Path | None = None) -> None:
         file: a plan file, a task file, or the name of a bundled task.
         html: write a standalone page there instead of serving it.
     """
+    if html:
+        require_folder(html)
     from drake_hand import api
 
     with naming(Path(file)):
@@ -54,6 +56,8 @@ def show_hand(hand: str, /, *, html: Path | None = None) -> None:
         hand: a bundled name or a hand file.
         html: write a standalone page there instead of serving it.
     """
+    if html:
+        require_folder(html)
     from drake_hand import api
     from drake_hand.model.hand import Hand
 

@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.output import naming, print_json, print_table, progress_display
 from drake_hand.feedback.sensor import PoseSensor
-from drake_hand.files import write_atomic
+from drake_hand.files import require_folder, write_atomic
 from drake_hand.physics.engine import Push
 from drake_hand.plans.plan import Plan
 
@@ -60,6 +60,8 @@ def simulate(
         push: what pushes the object once in every run, from any side.
         json: print one JSON object on stdout.
     """
+    if html:
+        require_folder(html)
     from drake_hand.physics.runs import Interrupted
     from drake_hand.physics.runs import simulate as replay
     from drake_hand.view.replay import render_replay

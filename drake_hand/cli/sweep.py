@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from drake_hand.cli.output import print_json, print_table, progress_display
+from drake_hand.files import require_place
 
 
 def sweep(
@@ -46,6 +47,9 @@ def sweep(
     cases = load_cases(file)
     ids = [case.id for case in cases]
     output = output or Path(file.name.removesuffix(SUFFIX).removesuffix(".yaml") + ".sweep")
+    for folder in (output, export):
+        if folder:
+            require_place(folder)
     with Store.open(output) as store:
         known = sum(i in store.rows for i in ids)
         try:

@@ -1,35 +1,71 @@
-"""Contact forces over a path that hold and press evenly, and the joint offsets by which position servos exert them."""
+"""Contact forces over a path that hold the object and press evenly: one sparse cone program over all knots."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import clarabel
 import numpy as np
 from scipy import sparse
-from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.chain import skew, solve_least_squares
+from drake_hand.contact.chain import skew
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
-from drake_hand.model.hand import Hand, PadSpec
 from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 SHORTFALL_COST = 25.0
 """Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it."""
-SMOOTHNESS = 20.0
-"""Weight of squared force changes between neighbouring knots, beside squared deviations from the preload."""
-FRICTION_COST = 16.0
-"""Weight of squared friction forces: contacts that roll creep the way friction pulls them, and a turn drifts."""
-LIGHTNESS = 200.0
-"""Weight of squared deviations from the preload where a contact slides: the lighter, the less it drags along."""
-_FADE = 0.8
-"""What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
-_DAMPING = 5e-4
-"""Of least squares near singular postures, m."""
+SMOOTHNESS_WEIGHT = 20.0
+"""Of squared force changes between neighbouring knots, beside squared deviations from the preload."""
+FRICTION_WEIGHT = 16.0
+"""Of squared friction forces: contacts that roll creep the way friction pulls them, and a turn drifts."""
+SLIDING_WEIGHT = 200.0
+"""Of squared deviations from the preload where a contact slides: the lighter it presses, the less it drags along."""
 
 
 class Unbalanced(NoPlanFound):
     """No contact forces balance the object."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForceProblem:
+    """What is asked of the contacts at n knots of k contacts, and what each can bear."""
+
+    load: np.ndarray
+    """(n, k) share of its full load that a contact may bear: 0 no contact or its first and last instant, 1 full.
+    Ramped from 0 after `make` and to 0 before `break`, the forces are continuous over the whole path."""
+    preload: float | np.ndarray
+    """Normal force wanted at fully loaded contacts, one or (n, k), N."""
+    force_W: np.ndarray
+    """(3,) or (n, 3) force on the object at its centre of mass, m (g - a), N."""
+    friction: float | np.ndarray
+    """Planned coefficient, one or (n, k)."""
+    torsion_radius: float
+    """Soft-finger torque limit over friction force, m."""
+    effort: np.ndarray
+    """(k, m) largest joint torques, either way; or (2, n, k, m) largest and most negative, Nm."""
+    drag_W: np.ndarray | None = None
+    """(n, k, 3) friction force over normal force of contacts that slide, which is all the friction they have; zero
+    where contacts stick."""
+    fixture: np.ndarray | None = None
+    """(n,) knots where a fixture holds the object and forces need not balance."""
+
+    def __getitem__(self, rows: slice) -> ForceProblem:
+        """The problem at some of the knots alone."""
+        n, k = self.load.shape
+        effort = np.broadcast_to(self.effort, (2, n, *self.effort.shape[-2:]))
+        return ForceProblem(
+            load=self.load[rows],
+            preload=np.broadcast_to(self.preload, (n, k))[rows],
+            force_W=np.broadcast_to(self.force_W, (n, 3))[rows],
+            friction=np.broadcast_to(self.friction, (n, k))[rows],
+            torsion_radius=self.torsion_radius,
+            effort=effort[:, rows],
+            drag_W=None if self.drag_W is None else self.drag_W[rows],
+            fixture=None if self.fixture is None else self.fixture[rows],
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,299 +82,239 @@ class Forces:
     """(n,) largest share of the friction limit that a contact uses that does not slide."""
 
 
-def balance_forces(
-    p_WP: np.ndarray,
-    n_W: np.ndarray,
-    load: np.ndarray,
-    *,
-    p_WCom: np.ndarray,
-    force_W: np.ndarray,
-    friction: float | np.ndarray,
-    torsion_radius: float,
-    J: np.ndarray,
-    effort: np.ndarray,
-    preload: float | np.ndarray,
-    drag_W: np.ndarray | None = None,
-    held: np.ndarray | None = None,
-) -> Forces:
+def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
     """Forces that balance the object at every knot, as near as they can be to an even preload, and smooth.
 
-    One sparse cone program over all knots: minimises squared deviations of normal forces from `preload`, squared
-    friction forces, squared changes from knot to knot and, above all, the largest share of its preload that a contact
-    lacks; subject to balance, round friction cones with soft-finger torsion and joint efforts. Little lacking means a
-    large margin against pose errors.
+    Minimises squared deviations of normal forces from `preload`, squared friction forces, squared changes from knot to
+    knot and, above all, the largest share of its preload that a contact lacks; subject to balance, round friction cones
+    with soft-finger torsion and joint efforts. Little lacking means a large margin against pose errors.
 
     Args:
-        p_WP: (n, k, 3) contact points, m.
-        n_W: (n, k, 3) unit normals into the object.
-        load: (n, k) share of its full load that a contact may bear: 0 no contact or its first and last instant, 1 full.
-            Ramped from 0 after `make` and to 0 before `break`, the forces are continuous over the whole path.
-        p_WCom: (n, 3) centre of mass, m.
-        force_W: (3,) or (n, 3) force on the object there, m (g - a), N.
-        friction: planned coefficient, one or (n, k).
-        torsion_radius: soft-finger torque limit over friction force, m.
-        J: (n, k, 3, m) tip Jacobians, m/rad; unused columns zero.
-        effort: (k, m) largest joint torques, either way; or (2, n, k, m) largest and most negative, Nm.
-        preload: normal force wanted at fully loaded contacts, one or (n, k), N.
-        drag_W: (n, k, 3) friction force over normal force of contacts that slide, which is all the friction they have;
-            zero where contacts stick.
-        held: (n,) knots where a fixture holds the object and forces need not balance.
+        sets: the contacts at each of n knots; the problem's `load` says which of them exist.
+        problem: at the same knots.
 
     Raises:
         Unbalanced: no forces balance the object.
     """
-    n, k = load.shape
-    knot, contact = np.nonzero(load > 0)
-    A, a = len(knot), np.arange(len(knot))
-    held = np.zeros(n, bool) if held is None else held
-    if A == 0 and held.all():
+    n, k = problem.load.shape
+    c = _Contacts(sets, problem)
+    if c.count == 0 and not len(c.balanced):
         return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
-    normal, share = n_W[knot, contact], load[knot, contact]
-    grip = np.broadcast_to(friction, (n, k))[knot, contact]
-    pressed = share * np.broadcast_to(preload, (n, k))[knot, contact]
-    drag = np.zeros((A, 3)) if drag_W is None else drag_W[knot, contact]
-    slides = np.flatnonzero(drag.any(axis=1))
-    t1, t2 = _tangents(normal)
-    columns = np.arange(3 * A).reshape(A, 3)  # x = forces (A, 3), torsion / radius (A,), shortfall (n,)
-    twist, shortfall = 3 * A + a, 4 * A + np.arange(n)
-    size = 4 * A + n
+    program = _ConeProgram()
+    _balance(program, c)
+    _press(program, c)
+    _spare_joints(program, c)
+    _slide(program, c)
+    _stay_in_cones(program, c)
+    x = program.solve(*_cost(c), knots=n)
+    return _forces(c, x)
 
-    blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    b: list[np.ndarray] = []
-    cones: list = []
 
-    def rows(*terms: tuple[np.ndarray, np.ndarray, np.ndarray], bound: np.ndarray, cone: list) -> None:
-        """Adds rows sum(terms) + slack = bound; a term is (row, column, value)."""
-        first = sum(len(x) for x in b)
-        blocks.extend((r.ravel() + first, c.ravel(), v.ravel()) for r, c, v in terms)
-        b.append(bound)
-        cones.extend(cone)
+class _Contacts:
+    """The loaded contacts of all knots in one row of A, and where each has its variables.
 
-    # balance of forces and torques, six rows for every knot that no fixture holds
-    free = np.flatnonzero(~held)
-    place = np.full(n, -1)
-    place[free] = np.arange(len(free))
-    on = place[knot] >= 0
-    G = np.zeros((A, 6, 4))
-    G[:, :3, :3] = np.eye(3)
-    G[:, 3:, :3] = skew(p_WP[knot, contact] - p_WCom[knot]) / TORQUE_LENGTH
-    G[:, 3:, 3] = normal * torsion_radius / TORQUE_LENGTH
-    variable = np.concatenate([columns, twist[:, None]], axis=1)
-    r = (6 * place[knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
-    c = np.broadcast_to(variable[:, None, :], (A, 6, 4))
-    weight = np.zeros((len(free), 6))
-    weight[:, :3] = np.broadcast_to(force_W, (n, 3))[free]
-    rows((r[on], c[on], G[on]), bound=-weight.ravel(), cone=[clarabel.ZeroConeT(6 * len(free))] if len(free) else [])
+    The variables are forces (A, 3), torsion over its radius (A,), and the share of the preload short at each knot (n,).
+    """
 
-    # normal forces: at least the preload less the share short, at most what efforts bear; efforts themselves
-    one = np.ones(A)
-    three = np.broadcast_to(a[:, None], (A, 3))
-    rows(
-        (three, columns, -normal),
-        (a, shortfall[knot], -pressed),
-        bound=-pressed,
-        cone=[clarabel.NonnegativeConeT(A)],
-    )
-    rows((np.arange(n), shortfall, -np.ones(n)), bound=np.zeros(n), cone=[clarabel.NonnegativeConeT(n)])
-    torque = J[knot, contact]
-    m = torque.shape[2]
-    most, least = np.broadcast_to(effort, (2, n, k, m))[:, knot, contact]
-    r = np.broadcast_to((a[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))
-    c = np.broadcast_to(columns[:, None, :], (A, m, 3))
+    def __init__(self, sets: ContactSets, problem: ForceProblem) -> None:
+        self.problem = problem
+        self.n, self.k = problem.load.shape
+        self.knot, self.contact = at = np.nonzero(problem.load > 0)
+        self.count = A = len(self.knot)
+        fixture = np.zeros(self.n, dtype=bool) if problem.fixture is None else problem.fixture
+        self.balanced = np.flatnonzero(~fixture)
+        """Knots at which forces must balance."""
+        self.normal = -sets.n_W[at]
+        """(A, 3) into the object."""
+        self.arm = (sets.p_WP - sets.p_WCom[:, None])[at]
+        """(A, 3) from the mass centre, m."""
+        self.J = sets.J_WP[at]
+        self.share = problem.load[at]
+        self.friction = np.broadcast_to(problem.friction, (self.n, self.k))[at]
+        self.pressed = self.share * np.broadcast_to(problem.preload, (self.n, self.k))[at]
+        """(A,) normal force wanted, N."""
+        self.drag = np.zeros((A, 3)) if problem.drag_W is None else problem.drag_W[at]
+        self.slides = np.flatnonzero(self.drag.any(axis=1))
+        self.rows = np.arange(A)
+        self.force = np.arange(3 * A).reshape(A, 3)
+        self.twist = 3 * A + self.rows
+        self.short = 4 * A + np.arange(self.n)
+        self.size = 4 * A + self.n
+
+    @cached_property
+    def effort(self) -> np.ndarray:
+        """(2, A, m) largest and most negative joint torques."""
+        m = self.J.shape[2]
+        return np.broadcast_to(self.problem.effort, (2, self.n, self.k, m))[:, self.knot, self.contact]
+
+    @cached_property
+    def tangents(self) -> tuple[np.ndarray, np.ndarray]:
+        """Two (A, 3) unit tangents of every contact."""
+        e = np.eye(3)[np.argmin(np.abs(self.normal), axis=1)]
+        t1 = np.cross(e, self.normal)
+        t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+        return t1, np.cross(self.normal, t1)
+
+
+_Term = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Rows, columns and values of some entries, in arrays of one shape."""
+
+
+@dataclass
+class _ConeProgram:
+    """Minimises (x' P x) / 2 + q' x, with rows A x + s = b and s in a product of cones."""
+
+    terms: list[_Term] = field(default_factory=list)
+    b: list[np.ndarray] = field(default_factory=list)
+    cones: list[Any] = field(default_factory=list)
+    height: int = 0
+
+    def add(self, cones: list[Any], bound: np.ndarray, *terms: _Term) -> None:
+        """Adds rows, one for each element of `bound`; the terms count them from 0."""
+        self.terms += [(r.ravel() + self.height, c.ravel(), v.ravel()) for r, c, v in terms]
+        self.b.append(bound)
+        self.cones += cones
+        self.height += len(bound)
+
+    def add_upper(self, bound: np.ndarray, *terms: _Term) -> None:
+        """Adds rows whose sum may be no larger than the bound."""
+        self.add([clarabel.NonnegativeConeT(len(bound))], bound, *terms)
+
+    def add_equal(self, bound: np.ndarray, *terms: _Term) -> None:
+        """Adds rows whose sum is the bound."""
+        self.add([clarabel.ZeroConeT(len(bound))] if len(bound) else [], bound, *terms)
+
+    def solve(self, P: sparse.csc_matrix, q: np.ndarray, *, knots: int) -> np.ndarray:
+        """The solution x.
+
+        Args:
+            P: upper triangle.
+            q: linear cost.
+            knots: number of them, for the message.
+
+        Raises:
+            Unbalanced: there is none.
+        """
+        rows, columns, values = (np.concatenate(x) for x in zip(*self.terms, strict=True))
+        matrix = sparse.coo_matrix((values, (rows, columns)), shape=(self.height, len(q))).tocsc()
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        solution = clarabel.DefaultSolver(P, q, matrix, np.concatenate(self.b), self.cones, settings).solve()
+        if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            raise Unbalanced(f"no contact forces balance the object over these {knots} knots ({solution.status})")
+        return np.array(solution.x)
+
+
+def _balance(program: _ConeProgram, c: _Contacts) -> None:
+    """Balance of forces and torques, six rows for every knot that no fixture holds."""
+    A = c.count
+    place = np.full(c.n, -1)
+    place[c.balanced] = np.arange(len(c.balanced))
+    on = place[c.knot] >= 0
+    wrench = np.zeros((A, 6, 4))
+    wrench[:, :3, :3] = np.eye(3)
+    wrench[:, 3:, :3] = skew(c.arm) / TORQUE_LENGTH
+    wrench[:, 3:, 3] = c.normal * c.problem.torsion_radius / TORQUE_LENGTH
+    columns = np.concatenate([c.force, c.twist[:, None]], axis=1)
+    r = (6 * place[c.knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
+    s = np.broadcast_to(columns[:, None, :], (A, 6, 4))
+    load = np.zeros((len(c.balanced), 6))
+    load[:, :3] = np.broadcast_to(c.problem.force_W, (c.n, 3))[c.balanced]
+    program.add_equal(-load.ravel(), (r[on], s[on], wrench[on]))
+
+
+def _press(program: _ConeProgram, c: _Contacts) -> None:
+    """Normal forces are at least the preload less the share short."""
+    three = np.broadcast_to(c.rows[:, None], (c.count, 3))
+    program.add_upper(-c.pressed, (three, c.force, -c.normal), (c.rows, c.short[c.knot], -c.pressed))
+    program.add_upper(np.zeros(c.n), (np.arange(c.n), c.short, -np.ones(c.n)))
+
+
+def _spare_joints(program: _ConeProgram, c: _Contacts) -> None:
+    """Joint torques stay below their efforts, and normal forces below what these bear."""
+    A, m = c.count, c.J.shape[2]
+    most, least = c.effort
+    r = np.broadcast_to((c.rows[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))
+    s = np.broadcast_to(c.force[:, None, :], (A, m, 3))
     for sign, limit in ((1.0, most), (-1.0, least)):
-        bound = (limit * share[:, None]).ravel()
-        rows((r, c, sign * torque.transpose(0, 2, 1)), bound=bound, cone=[clarabel.NonnegativeConeT(A * m)])
-    lever = np.einsum("aim,ai->am", torque, normal)
+        program.add_upper((limit * c.share[:, None]).ravel(), (r, s, sign * c.J.transpose(0, 2, 1)))
+    lever = np.einsum("aim,ai->am", c.J, c.normal)
     limit = np.where(np.abs(lever) > 1e-6, np.where(lever > 0, most, least), np.inf)
-    reach = np.min(limit / np.maximum(np.abs(lever), 1e-6), axis=1)
-    rows((three, columns, normal), bound=share * np.minimum(reach, 1e3), cone=[clarabel.NonnegativeConeT(A)])
+    bearable = np.min(limit / np.maximum(np.abs(lever), 1e-6), axis=1)
+    three = np.broadcast_to(c.rows[:, None], (A, 3))
+    program.add_upper(c.share * np.minimum(bearable, 1e3), (three, c.force, c.normal))
 
-    # contacts that slide: friction is where it drags the object, and there is no torsion
-    if len(slides):
-        S = len(slides)
-        r, c = np.broadcast_to(np.arange(S)[:, None], (S, 3)), columns[slides]
-        for t in (t1[slides], t2[slides]):
-            along = np.sum(t * drag[slides], axis=1)[:, None]
-            rows((r, c, t - along * normal[slides]), bound=np.zeros(S), cone=[clarabel.ZeroConeT(S)])
-        rows((np.arange(S), twist[slides], np.ones(S)), bound=np.zeros(S), cone=[clarabel.ZeroConeT(S)])
 
-    # friction cones with torsion: (friction N, t1 f, t2 f, torsion / radius) in the second-order cone
-    cone = grip.copy()
-    cone[slides] = 2 * np.linalg.norm(drag[slides], axis=1)  # never reached
-    rows(
-        (4 * three, columns, -cone[:, None] * normal),
-        (4 * three + 1, columns, -t1),
-        (4 * three + 2, columns, -t2),
-        (4 * a + 3, twist, -one),
-        bound=np.zeros(4 * A),
-        cone=[clarabel.SecondOrderConeT(4)] * A,
+def _slide(program: _ConeProgram, c: _Contacts) -> None:
+    """Where contacts slide, friction is where it drags the object, and there is no torsion."""
+    S = len(c.slides)
+    if not S:
+        return
+    r, s = np.broadcast_to(np.arange(S)[:, None], (S, 3)), c.force[c.slides]
+    for tangent in c.tangents:
+        t = tangent[c.slides]
+        along = np.sum(t * c.drag[c.slides], axis=1)[:, None]
+        program.add_equal(np.zeros(S), (r, s, t - along * c.normal[c.slides]))
+    program.add_equal(np.zeros(S), (np.arange(S), c.twist[c.slides], np.ones(S)))
+
+
+def _stay_in_cones(program: _ConeProgram, c: _Contacts) -> None:
+    """Friction cones with torsion: (friction N, t1 f, t2 f, torsion / radius) in the second-order cone."""
+    A, (t1, t2) = c.count, c.tangents
+    limit = c.friction.copy()
+    limit[c.slides] = 2 * np.linalg.norm(c.drag[c.slides], axis=1)  # never reached
+    row = 4 * c.rows
+    three = np.broadcast_to(row[:, None], (A, 3))
+    program.add(
+        [clarabel.SecondOrderConeT(4)] * A,
+        np.zeros(4 * A),
+        (three, c.force, -limit[:, None] * c.normal),
+        (three + 1, c.force, -t1),
+        (three + 2, c.force, -t2),
+        (row + 3, c.twist, -np.ones(A)),
     )
 
-    weight = np.where(drag.any(axis=1), LIGHTNESS, 1.0)
-    P, q = _cost(knot, contact, columns, twist, shortfall, normal, pressed, weight, size, k)
-    matrix = sparse.coo_matrix(
-        (
-            np.concatenate([v for _, _, v in blocks]),
-            (np.concatenate([r for r, _, _ in blocks]), np.concatenate([c for _, c, _ in blocks])),
-        ),
-        shape=(sum(len(x) for x in b), size),
-    ).tocsc()
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    solution = clarabel.DefaultSolver(P, q, matrix, np.concatenate(b), cones, settings).solve()
-    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-        raise Unbalanced(f"no contact forces balance the object over these {n} knots ({solution.status})")
-    x = np.array(solution.x)
 
-    f_W, torsion = np.zeros((n, k, 3)), np.zeros((n, k))
-    f = x[: 3 * A].reshape(A, 3)
-    f_W[knot, contact] = f
-    torsion[knot, contact] = x[twist] * torsion_radius
-    N = np.sum(f * normal, axis=1)
-    used = np.sqrt(np.sum((f - N[:, None] * normal) ** 2, axis=1) + x[twist] ** 2) / (grip * np.maximum(N, 1e-9))
-    used[slides] = 0.0
-    softest, worst = np.full(n, np.inf), np.zeros(n)
-    np.minimum.at(softest, knot, N / share)
-    np.maximum.at(worst, knot, used)
-    return Forces(f_W=f_W, torsion=torsion, preload=np.where(np.isfinite(softest), softest, 0.0), friction_used=worst)
-
-
-def _cost(
-    knot: np.ndarray,
-    contact: np.ndarray,
-    columns: np.ndarray,
-    twist: np.ndarray,
-    shortfall: np.ndarray,
-    normal: np.ndarray,
-    wanted: np.ndarray,
-    weight: np.ndarray,
-    size: int,
-    k: int,
-) -> tuple[sparse.csc_matrix, np.ndarray]:
-    """Upper triangle of P and q of (x' P x) / 2 + q' x."""
-    n, A = len(shortfall), len(knot)
-    index = np.full((n, k), -1)
-    index[knot, contact] = np.arange(A)
+def _cost(c: _Contacts) -> tuple[sparse.csc_matrix, np.ndarray]:
+    """Upper triangle of P, and q."""
+    index = np.full((c.n, c.k), -1)
+    index[c.knot, c.contact] = c.rows
     pairs = (index[:-1] >= 0) & (index[1:] >= 0)
-    before, after = columns[index[:-1][pairs]].ravel(), columns[index[1:][pairs]].ravel()
-    diagonal = np.zeros(size)
-    diagonal[twist] = 2.0
-    np.add.at(diagonal, before, SMOOTHNESS)
-    np.add.at(diagonal, after, SMOOTHNESS)
+    before, after = c.force[index[:-1][pairs]].ravel(), c.force[index[1:][pairs]].ravel()
+    diagonal = np.zeros(c.size)
+    diagonal[c.twist] = 2.0
+    np.add.at(diagonal, before, SMOOTHNESS_WEIGHT)
+    np.add.at(diagonal, after, SMOOTHNESS_WEIGHT)
+    weight = np.where(c.drag.any(axis=1), SLIDING_WEIGHT, 1.0)
     upper = np.triu(np.ones((3, 3), bool))
-    own = FRICTION_COST * np.eye(3) - (FRICTION_COST - 1) * normal[:, :, None] * normal[:, None, :]
-    rows, cols = np.repeat(columns[:, :, None], 3, axis=2), np.repeat(columns[:, None, :], 3, axis=1)
+    own = FRICTION_WEIGHT * np.eye(3) - (FRICTION_WEIGHT - 1) * c.normal[:, :, None] * c.normal[:, None, :]
+    rows, columns = np.repeat(c.force[:, :, None], 3, axis=2), np.repeat(c.force[:, None, :], 3, axis=1)
     P = sparse.diags(diagonal) + sparse.coo_matrix(
         (
-            np.concatenate([np.full(len(before), -SMOOTHNESS), (weight[:, None, None] * own)[:, upper].ravel()]),
-            (np.concatenate([before, rows[:, upper].ravel()]), np.concatenate([after, cols[:, upper].ravel()])),
+            np.concatenate([np.full(len(before), -SMOOTHNESS_WEIGHT), (weight[:, None, None] * own)[:, upper].ravel()]),
+            (np.concatenate([before, rows[:, upper].ravel()]), np.concatenate([after, columns[:, upper].ravel()])),
         ),
-        shape=(size, size),
+        shape=(c.size, c.size),
     )
-    q = np.zeros(size)
-    q[columns] = -(weight * wanted)[:, None] * normal
-    q[shortfall] = SHORTFALL_COST * np.bincount(knot, wanted, n) / np.maximum(np.bincount(knot, minlength=n), 1)
+    q = np.zeros(c.size)
+    q[c.force] = -(weight * c.pressed)[:, None] * c.normal
+    mean = np.bincount(c.knot, c.pressed, c.n) / np.maximum(np.bincount(c.knot, minlength=c.n), 1)
+    q[c.short] = SHORTFALL_COST * mean
     return sparse.csc_matrix(P), q
 
 
-def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | float) -> np.ndarray:
-    """How deep a fingertip of this pad is pressed in by a normal force.
-
-    A hydroelastic sphere of radius R has pressure modulus x (1 - distance from centre / R); on a flat rigid surface
-    that sums to N = pi modulus depth^2 whatever R is, and over a surface that curves away with principal
-    curvatures c1, c2 to N = pi modulus depth^2 / sqrt((1 + R c1) (1 + R c2)).
-
-    Args:
-        pad: the fingertip's material.
-        force: (...) normal force, N.
-        curvature: (...) the factor (1 + R c1) (1 + R c2), 1 for a flat surface, 1 + R / r for a rod of radius r.
-
-    Returns:
-        (...) depth, m.
-    """
-    return np.sqrt(np.maximum(force, 0.0) * np.sqrt(curvature) / (np.pi * pad.hydroelastic_modulus_pa))
-
-
-def roll_correction(
-    depth: np.ndarray,
-    n_W: np.ndarray,
-    R_WT: np.ndarray,
-    R_WO: np.ndarray,
-    touching: np.ndarray,
-    sliding: np.ndarray | None = None,
-) -> np.ndarray:
-    """How far a compressed tip's centre has to move aside so that it rolls where the uncompressed one would.
-
-    A tip pressed in by d rolls on radius r - d. Where a path was made for radius r, its surface then slips
-    by v = d' n + d (dn/dt - w_T x n) over the object's, n pointing into the object; the tangential part of -v,
-    integrated from `make` on and carried along with the object, undoes it. Left out, a turn of a pencil lags by
-    5 deg.
-
-    Args:
-        depth: (n, k) compression, m.
-        n_W: (n, k, 3) unit normals into the object.
-        R_WT: (n, k, 3, 3) orientation of the tips.
-        R_WO: (n, 3, 3) orientation of the object.
-        touching: (n, k) where there is contact.
-        sliding: (n, k) where the tip slides: what it has gathered fades, since the point it belongs to is left.
-
-    Returns:
-        (n, k, 3) displacement of tip centres, zero where there is no contact, m.
-    """
-    out = np.zeros_like(n_W)
-    for j in range(1, len(depth)):
-        n, n0 = n_W[j], n_W[j - 1]
-        turned = Rotation.from_matrix(R_WT[j] @ R_WT[j - 1].transpose(0, 2, 1)).as_rotvec()
-        slipped = 0.5 * (depth[j] + depth[j - 1])[:, None] * (n - n0 - np.cross(turned, 0.5 * (n + n0)))
-        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T
-        moved = moved - slipped if sliding is None else np.where(sliding[j][:, None], _FADE * moved, moved - slipped)
-        moved -= n * np.sum(n * moved, axis=1, keepdims=True)
-        out[j] = np.where((touching[j] & touching[j - 1])[:, None], moved, 0.0)
-    return out
-
-
-def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
-    """How hard a tip pushes back along the normal per way it is pushed, its joints' servos yielding.
-
-    Args:
-        hand: with the stiffness of its servos.
-        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
-        n_W: (n, fingers, 3) unit normals.
-
-    Returns:
-        (n, fingers) N/m; very large where no joint moves the tip along the normal.
-    """
-    yields = np.zeros(J_WP.shape[:2])
-    for i, finger in enumerate(hand.fingers):
-        lever = np.einsum("nim,ni->nm", J_WP[:, i, :, : len(finger.columns)], n_W[:, i])
-        yields[:, i] = np.sum(lever**2 / hand.stiffness[finger.columns], axis=1)
-    return 1 / np.maximum(yields, 1e-9)
-
-
-def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:
-    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip centre has to move.
-
-    Args:
-        hand: the hand; K is its joint stiffness.
-        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
-        f_W: (n, fingers, 3) force of each finger on the object, N.
-        moved_W: (n, fingers, 3) tip centres beside their path, from compression and :func:`roll_correction`, m.
-
-    Returns:
-        (n, nq) rad.
-    """
-    out = np.zeros((len(f_W), hand.nq))
-    for i, finger in enumerate(hand.fingers):
-        c = finger.columns
-        J = J_WP[:, i, :, : len(c)]
-        out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
-        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING)
-    return out
-
-
-def _tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(A, 3) unit normals to two (A, 3) tangents."""
-    e = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    t1 = np.cross(e, normal)
-    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-    return t1, np.cross(normal, t1)
+def _forces(c: _Contacts, x: np.ndarray) -> Forces:
+    """The solution by knot and contact."""
+    f_W, torsion = np.zeros((c.n, c.k, 3)), np.zeros((c.n, c.k))
+    f = x[c.force]
+    f_W[c.knot, c.contact] = f
+    torsion[c.knot, c.contact] = x[c.twist] * c.problem.torsion_radius
+    N = np.sum(f * c.normal, axis=1)
+    tangential = f - N[:, None] * c.normal
+    used = np.sqrt(np.sum(tangential**2, axis=1) + x[c.twist] ** 2) / (c.friction * np.maximum(N, 1e-9))
+    used[c.slides] = 0.0
+    softest, worst = np.full(c.n, np.inf), np.zeros(c.n)
+    np.minimum.at(softest, c.knot, N / c.share)
+    np.maximum.at(worst, c.knot, used)
+    preload = np.where(np.isfinite(softest), softest, 0.0)
+    return Forces(f_W=f_W, torsion=torsion, preload=preload, friction_used=worst)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from drake_hand.contact.equilibrium import EDGES, margins
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity, margins
+from drake_hand.contact.kernels.equilibrium import EDGES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,15 +31,7 @@ class GraspMeasures:
 
 
 def grasp_measures(
-    p_WP: np.ndarray,
-    n_W: np.ndarray,
-    *,
-    p_WCom: np.ndarray,
-    force_W: np.ndarray,
-    friction: float,
-    torsion_radius: float = 0.0,
-    f_max: float = 1.0,
-    size: float | None = None,
+    contacts: ContactSets, capacity: Capacity, force_W: np.ndarray, *, size: float | None = None
 ) -> GraspMeasures:
     """Measures one set of contacts.
 
@@ -45,40 +39,26 @@ def grasp_measures(
     measure, GraspIt's L1): the convex hull of all contacts' friction pyramids in the six-dimensional space of wrenches.
 
     Args:
-        p_WP: (k, 3) contact points, m.
-        n_W: (k, 3) unit normals into the object.
-        p_WCom: (3,) centre of mass, about which torques are taken, m.
-        force_W: (3,) force on the object there, m (g - a), N.
-        friction: coefficient.
-        torsion_radius: soft-finger torque limit over friction force, m.
-        f_max: largest normal force of a contact, N.
+        contacts: one set; torques are taken about its mass centre.
+        capacity: of every contact.
+        force_W: (3,) force on the object at its mass centre, m (g - a), N.
         size: length that scales torques to forces; the farthest contact's distance from the centre if not given, m.
     """
-    arm = p_WP - p_WCom
+    on = contacts.mask[0]
+    arm, n_W = (contacts.p_WP[0] - contacts.p_WCom[0])[on], -contacts.n_W[0, on]
     length = size if size is not None else float(np.linalg.norm(arm, axis=1).max())
-    epsilon, volume = _hull(wrenches(arm, n_W, friction, torsion_radius, length))
+    epsilon, volume = _hull(wrenches(arm, n_W, capacity.friction, capacity.torsion_radius, length))
 
-    def margin(mu: float) -> float:
-        return float(
-            margins(
-                p_WP[None],
-                n_W[None],
-                np.ones((1, len(p_WP)), dtype=bool),
-                p_WCom=p_WCom,
-                force_W=force_W,
-                friction=mu,
-                torsion_radius=torsion_radius,
-                f_max=f_max,
-            )[0]
-        )
+    def margin(friction: float) -> float:
+        return float(margins(contacts, replace(capacity, friction=friction), force_W)[0])
 
-    least = _least(lambda mu: margin(mu) >= 0.0)
+    least = _least(lambda friction: margin(friction) >= 0.0)
     return GraspMeasures(
         epsilon=epsilon,
         volume=volume,
         least_friction=least,
-        friction_margin=1.0 - least / friction,
-        preload=margin(friction),
+        friction_margin=1.0 - least / capacity.friction,
+        preload=margin(capacity.friction),
     )
 
 

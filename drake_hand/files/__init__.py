@@ -152,6 +152,35 @@ def require_folder(path: Path) -> None:
     """
     if path.is_dir():
         raise InputError("this is a folder", file=path, found="a folder", expected="the name of a file")
+    _require_parent(path)
+
+
+def require_place(folder: Path) -> None:
+    """Refuses, before there is anything to write, a folder that is a file, or would have to be made in one not there.
+
+    Raises:
+        InputError: it is a file.
+        MissingFile: the folder it is to be in is missing.
+    """
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise InputError("this is a file", file=folder, found="a file", expected="the name of a folder")
+    _require_parent(folder)
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder for output, unless it is there.
+
+    Raises:
+        InputError: as :func:`require_place`.
+        OSError: it cannot be made.
+    """
+    require_place(folder)
+    folder.mkdir(exist_ok=True)
+
+
+def _require_parent(path: Path) -> None:
     if not path.parent.is_dir():
         raise MissingFile("no such folder", file=path, found=str(path.parent), expected="a folder that exists")
 

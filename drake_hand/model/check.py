@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.files import resolve, write_atomic
+from drake_hand.files import require_folder, resolve, write_atomic
 from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.hand import Hand
 from drake_hand.model.hand_file import SUFFIX
@@ -133,6 +133,7 @@ def init(file: Path, output: Path) -> Proposal:
         raise InputError("wrong name of a hand file", key="--output", found=output.name, expected=f"*{SUFFIX}")
     if output.exists():
         raise InputError("will not overwrite", file=output, key="--output", found="a file", expected="a new file")
+    require_folder(output)
     urdf = Urdf.load(file.resolve())
     proposal = propose(urdf)
     flaws = overlaps(Scene(Hand.build(proposal.spec, urdf, output)))

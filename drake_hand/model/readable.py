@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.files import write_atomic
+from drake_hand.files import make_folder, require_place, write_atomic
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import DRAKE_READS, find_mesh, write_obj
 from drake_hand.model.urdf import Urdf
@@ -90,10 +90,11 @@ def convert(file: Path, folder: Path) -> list[str]:
             names[mesh] = next(n for n in (f"meshes/{s}.obj" for s in stems) if n not in names.values())
         return names[mesh]
 
+    require_place(folder)
     robot, report = readable(Urdf.load(file), rename)
+    make_folder(folder)
     for mesh, name in names.items():
         write_obj(mesh, folder / name)
-    folder.mkdir(parents=True, exist_ok=True)
     write_atomic(target, write_xml(robot))
     kinds = sorted({mesh.suffix.lower() for mesh in names} - set(DRAKE_READS))
     return report + (

@@ -6,12 +6,16 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from drake_hand.errors import InputError, nearest
 from drake_hand.model.xml import read_xml
+
+_TYPES = ("fixed", "revolute", "continuous", "prismatic")
+"""Of joints, as far as they are supported."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,117 +105,99 @@ class Urdf:
             InputError: not a URDF, limits the wrong way round, non-finite numbers, unknown joint types or links,
                 names given twice, links in a cycle or with two parents, joints that follow none or one another.
         """
-        import yourdfpy
-
         root = read_xml(file, "robot")
-        for tag in ("link", "joint"):
-            names = [e.get("name") for e in root.findall(tag)]
-            twice = sorted({str(n) for n in names if names.count(n) > 1})
-            if twice or None in names:
-                raise InputError(
-                    f"{tag} names must be given, and once", file=file, key=tag, found=twice, expected="distinct names"
-                )
+        _require_names(root, file)
         shaped = frozenset(e.get("name", "") for e in root.findall("link") if e.find("collision") is not None)
-        for link in root.findall("link"):  # shapes are not its business, and it refuses Drake's
-            for shape in [*link.findall("visual"), *link.findall("collision")]:
-                link.remove(shape)
-        source = io.BytesIO(ET.tostring(root))
-        try:
-            with np.errstate(all="ignore"):  # numbers that are not finite are named below
-                loaded = yourdfpy.URDF.load(
-                    source, build_scene_graph=False, load_meshes=False, load_collision_meshes=False
-                )
-        except Exception as e:  # yourdfpy raises whatever its XML and number parsing raise
-            raise InputError(
-                "cannot read URDF",
-                file=file,
-                found=" ".join(str(e).split()) or type(e).__name__,
-                expected="a URDF",
-            ) from e
-        robot = loaded.robot
+        robot = _parse(root, file)
         links = tuple(link.name for link in robot.links)
-        joints: dict[str, Joint] = {}
-        for j in robot.joints:
-            key = f"joint {j.name}"
-            if j.type not in ("fixed", "revolute", "continuous", "prismatic"):
-                raise InputError(
-                    f"joint type '{j.type}' is not supported",
-                    file=file,
-                    key=key,
-                    found=j.type,
-                    expected="fixed, revolute, continuous or prismatic",
-                )
-            for end in (j.parent, j.child):
-                if end not in links:
-                    raise InputError(
-                        "joint names an unknown link",
-                        file=file,
-                        key=key,
-                        found=end,
-                        expected=nearest(end, links),
-                    )
-            limit = j.limit
-            numbers = {"origin": j.origin, "axis": j.axis}
-            numbers |= {k: getattr(limit, k) for k in ("lower", "upper", "velocity", "effort")} if limit else {}
-            numbers |= {k: getattr(j.mimic, k) for k in ("multiplier", "offset")} if j.mimic else {}
-            for what, value in numbers.items():
-                if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=float))):
-                    raise InputError(
-                        "number is not finite",
-                        file=file,
-                        key=f"{key}: {what}",
-                        found=value,
-                        expected="finite",
-                    )
-            lower = limit.lower if limit else None
-            upper = limit.upper if limit else None
-            if lower is not None and upper is not None and lower > upper:
-                raise InputError(
-                    "joint limits are the wrong way round",
-                    file=file,
-                    key=f"{key}: limit",
-                    found=f"lower {lower}, upper {upper}",
-                    expected="lower <= upper",
-                )
-            axis = np.array([1.0, 0.0, 0.0]) if j.axis is None else np.asarray(j.axis, dtype=float)
-            norm = np.linalg.norm(axis)
-            if j.type != "fixed" and norm < 1e-9:
-                raise InputError(
-                    "joint axis is zero", file=file, key=f"{key}: axis", found=axis, expected="a direction"
-                )
-            joints[j.name] = Joint(
-                name=j.name,
-                type=j.type,
-                parent=j.parent,
-                child=j.child,
-                X_PC=np.eye(4) if j.origin is None else np.asarray(j.origin, dtype=float),
-                axis=axis / max(norm, 1e-12),
-                lower=lower,
-                upper=upper,
-                velocity=limit.velocity if limit else None,
-                effort=limit.effort if limit else None,
-                mimic=None
-                if j.mimic is None
-                else (j.mimic.joint, _or(j.mimic.multiplier, 1.0), _or(j.mimic.offset, 0.0)),
-            )
+        joints = {j.name: _joint(j, links, file) for j in robot.joints}
         joints = {name: replace(j, mimic=_leader(j, joints, file)) for name, j in joints.items()}
-        children = [j.child for j in joints.values()]
-        roots = [link for link in links if link not in children]
-        if len(roots) != 1:
-            raise InputError(
-                "URDF must have one root link",
-                file=file,
-                found=roots or "none (a cycle)",
-                expected="exactly one root link",
-            )
-        twice = sorted({child for child in children if children.count(child) > 1})
-        if twice:
-            raise InputError("link has two parents", file=file, key="joint", found=twice, expected="a tree of links")
-        urdf = cls(file=file, root=roots[0], links=links, joints=joints, shaped=shaped)
+        urdf = cls(file=file, root=_root(links, joints, file), links=links, joints=joints, shaped=shaped)
         loose = sorted(set(links) - set(urdf._outward()))
         if loose:
             raise InputError("links form a cycle", file=file, key="joint", found=loose, expected="a tree of links")
         return urdf
+
+
+def _require_names(root: ET.Element, file: Path) -> None:
+    """Every link and every joint has a name of its own."""
+    for tag in ("link", "joint"):
+        names = [e.get("name") for e in root.findall(tag)]
+        twice = sorted({str(n) for n in names if names.count(n) > 1})
+        if twice or None in names:
+            raise InputError(
+                f"{tag} names must be given, and once", file=file, key=tag, found=twice, expected="distinct names"
+            )
+
+
+def _parse(root: ET.Element, file: Path) -> Any:
+    """The robot as yourdfpy reads it, without shapes: they are read elsewhere, and it refuses Drake's."""
+    import yourdfpy
+
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    source = io.BytesIO(ET.tostring(root))
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are named by `_joint`
+            return yourdfpy.URDF.load(
+                source, build_scene_graph=False, load_meshes=False, load_collision_meshes=False
+            ).robot
+    except Exception as e:  # yourdfpy raises whatever its XML and number parsing raise
+        found = " ".join(str(e).split()) or type(e).__name__
+        raise InputError("cannot read URDF", file=file, found=found, expected="a URDF") from e
+
+
+def _joint(j: Any, links: tuple[str, ...], file: Path) -> Joint:
+    """A joint as yourdfpy read it, checked."""
+    key = f"joint {j.name}"
+    if j.type not in _TYPES:
+        what = f"joint type '{j.type}' is not supported"
+        raise InputError(what, file=file, key=key, found=j.type, expected=f"{', '.join(_TYPES[:-1])} or {_TYPES[-1]}")
+    for end in (j.parent, j.child):
+        if end not in links:
+            raise InputError("joint names an unknown link", file=file, key=key, found=end, expected=nearest(end, links))
+    limits = {k: getattr(j.limit, k, None) for k in ("lower", "upper", "velocity", "effort")}
+    follows = {k: getattr(j.mimic, k, None) for k in ("multiplier", "offset")}
+    for what, value in {"origin": j.origin, "axis": j.axis, **limits, **follows}.items():
+        if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=float))):
+            raise InputError("number is not finite", file=file, key=f"{key}: {what}", found=value, expected="finite")
+    lower, upper = limits["lower"], limits["upper"]
+    if lower is not None and upper is not None and lower > upper:
+        raise InputError(
+            "joint limits are the wrong way round",
+            file=file,
+            key=f"{key}: limit",
+            found=f"lower {lower}, upper {upper}",
+            expected="lower <= upper",
+        )
+    axis = np.array([1.0, 0.0, 0.0]) if j.axis is None else np.asarray(j.axis, dtype=float)
+    norm = np.linalg.norm(axis)
+    if j.type != "fixed" and norm < 1e-9:
+        raise InputError("joint axis is zero", file=file, key=f"{key}: axis", found=axis, expected="a direction")
+    return Joint(
+        name=j.name,
+        type=j.type,
+        parent=j.parent,
+        child=j.child,
+        X_PC=np.eye(4) if j.origin is None else np.asarray(j.origin, dtype=float),
+        axis=axis / max(norm, 1e-12),
+        mimic=j.mimic and (j.mimic.joint, _or(follows["multiplier"], 1.0), _or(follows["offset"], 0.0)),
+        **limits,
+    )
+
+
+def _root(links: tuple[str, ...], joints: dict[str, Joint], file: Path) -> str:
+    """The one link that is nobody's child."""
+    children = [j.child for j in joints.values()]
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1:
+        found = roots or "none (a cycle)"
+        raise InputError("URDF must have one root link", file=file, found=found, expected="exactly one root link")
+    twice = sorted({child for child in children if children.count(child) > 1})
+    if twice:
+        raise InputError("link has two parents", file=file, key="joint", found=twice, expected="a tree of links")
+    return roots[0]
 
 
 def _leader(joint: Joint, joints: dict[str, Joint], file: Path) -> tuple[str, float, float] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_hand.contact.forces import pad_compression
+from drake_hand.contact.compliance import pad_compression
 from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object

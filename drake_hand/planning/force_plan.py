@@ -8,14 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.forces import (
-    Forces,
-    Unbalanced,
-    balance_forces,
-    joint_offsets,
-    pad_compression,
-    roll_correction,
-)
+from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.forces import ForceProblem, Forces, Unbalanced, balance_forces
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
@@ -93,23 +88,20 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     wanted = holding.wanted(hand, J, normal)
     friction = np.where(light.easing, holding.sliding_friction, holding.friction)
     p_WCom = X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3]
-    effort = _room(hand, q + weight, holding.effort)
+    contacts = ContactSets(p_WP=p, n_W=normal, J_WP=J, mask=touching, p_WCom=p_WCom)
+    problem = ForceProblem(
+        load=load,
+        preload=wanted + light.share * (LIGHT - wanted),
+        force_W=holding.force_W,
+        friction=friction,
+        torsion_radius=holding.torsion_radius,
+        effort=_room(hand, q + weight, holding.effort),
+        drag_W=holding.sliding_friction * light.slip_W,
+        fixture=held,
+    )
 
     def balanced(rows: slice) -> Forces:
-        return balance_forces(
-            p[rows],
-            -normal[rows],
-            load[rows],
-            p_WCom=p_WCom[rows],
-            force_W=holding.force_W,
-            friction=friction[rows],
-            torsion_radius=holding.torsion_radius,
-            J=J[rows],
-            effort=effort[:, rows],
-            preload=(wanted + light.share * (LIGHT - wanted))[rows],
-            drag_W=holding.sliding_friction * light.slip_W[rows],
-            held=held[rows],
-        )
+        return balance_forces(contacts[rows], problem[rows])
 
     try:
         forces = balanced(slice(n))

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.reach import Hold, ReachTable

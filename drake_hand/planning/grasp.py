@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_hand.contact.equilibrium import margins
-from drake_hand.contact.forces import tip_stiffness
+from drake_hand.contact.compliance import tip_stiffness
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity, margins
 from drake_hand.model.hand import Hand
-from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 
@@ -108,20 +108,10 @@ class Equilibrium:
 
         A finger that slides drags the object along with all its friction, or with hardly any: either must be borne.
         """
+        capacity = Capacity(friction=self.friction, torsion_radius=self.torsion_radius, effort=self.effort)
 
         def least(drag_W: np.ndarray | None) -> np.ndarray:
-            return margins(
-                sets.p_WP,
-                -sets.n_W,
-                sets.mask,
-                p_WCom=sets.p_WCom,
-                force_W=self.force_W,
-                friction=self.friction,
-                torsion_radius=self.torsion_radius,
-                J=sets.J_WP,
-                effort=self.effort,
-                drag_W=drag_W,
-            )
+            return margins(sets, capacity, self.force_W, drag_W)
 
         began = perf_counter()
         if slip_W is None:

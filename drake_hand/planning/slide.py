@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.contact.chain import material_jacobian
-from drake_hand.planning.contact_sets import ContactSets
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import ReachTable
 

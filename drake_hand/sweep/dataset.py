@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drake_hand.files import make_folder
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory, quaternions
 from drake_hand.sweep.store import Store
@@ -31,7 +32,7 @@ def export(store: Store, ids: list[str], folder: Path) -> list[Path]:
     """
     import pyarrow.parquet as pq
 
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     writers: dict[str, pq.ParquetWriter] = {}
     files: dict[str, Path] = {}
     try:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from drake_hand.errors import InputError
-from drake_hand.files import write_atomic
+from drake_hand.files import make_folder, write_atomic
 from drake_hand.sweep.work import Done, Row
 
 if TYPE_CHECKING:
@@ -38,9 +38,10 @@ class Store:
         """Opens or makes the folder.
 
         Raises:
-            InputError: another sweep is writing there.
+            InputError: another sweep is writing there, or it is in no folder.
         """
-        (folder / "plans").mkdir(parents=True, exist_ok=True)
+        for made in (folder, folder / "plans"):
+            make_folder(made)
         journal = os.open(folder / "journal.jsonl", os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
             try:

@@ -10,6 +10,7 @@ from matplotlib.patches import Circle, Polygon
 from scipy.spatial import ConvexHull
 
 from drake_hand.contact.chain import FingerKinematics
+from drake_hand.files import require_folder
 from drake_hand.model.object import Object
 from drake_hand.plans.plan import Plan
 from drake_hand.view.colors import finger_color
@@ -64,7 +65,7 @@ def write_gif(plan: Plan, course: Course, file: Path, *, seconds: float = 8.0, f
     """Writes a moving picture of a whole plan, which lasts `seconds`."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    file.parent.mkdir(parents=True, exist_ok=True)
+    require_folder(file)
     with in_print():
         figure = column(70)
         ax = figure.subplots()

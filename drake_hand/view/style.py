@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
+from drake_hand.files import make_folder
 from drake_hand.plans.plan import Plan
 
 WIDTH_MM = 85.0
@@ -59,7 +60,7 @@ def panels(height_mm: float, rows: int) -> tuple[Figure, list[Axes]]:
 
 def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Writes a figure in some formats; returns the files."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     files = [folder / f"{name}.{suffix}" for suffix in formats]
     for file in files:
         dateless = {} if file.suffix == ".png" else {"Date" if file.suffix == ".svg" else "CreationDate": None}

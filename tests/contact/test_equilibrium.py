@@ -1,7 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from drake_hand.contact.equilibrium import EDGES, margins
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity, margins
+from drake_hand.contact.kernels.equilibrium import EDGES
 from drake_hand.plans.tolerances import TORQUE_LENGTH
 
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value")  # numpy on arrays of Drake expressions
@@ -78,10 +82,12 @@ def test_effort_limits_are_never_exceeded():
         assert ours[i] <= cone_program(p[i], n[i], FRICTION, J[i], effort) + 1e-5
 
 
-def solve(p, n, mask=None, **changes):
-    values = {"p_WCom": np.zeros(3), "force_W": WEIGHT, "friction": FRICTION, "torsion_radius": RADIUS, "f_max": F_MAX}
-    mask = np.ones(p.shape[:2], bool) if mask is None else mask
-    return margins(p, n, mask, **(values | changes))
+def solve(p, n, mask=None, J=None, p_WCom=(0, 0, 0), force_W=WEIGHT, drag_W=None, **changes):
+    """Margins of contacts at p (N, k, 3) with normals n (N, k, 3) into the object."""
+    sets = ContactSets.of_points(p, -n, np.asarray(p_WCom))
+    sets = replace(sets, J_WP=sets.J_WP if J is None else J, mask=sets.mask if mask is None else mask)
+    capacity = {"friction": FRICTION, "torsion_radius": RADIUS, "f_max": F_MAX}
+    return margins(sets, Capacity(**(capacity | changes)), force_W, drag_W)
 
 
 def test_opposed_pinch_slips_exactly_when_friction_says_so():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,8 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
-from drake_hand.contact.equilibrium import margins
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression, roll_correction, tip_stiffness
+from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, tip_stiffness
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity, margins
+from drake_hand.contact.forces import ForceProblem, balance_forces
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
@@ -25,17 +29,24 @@ def rod(knots, angles_deg, places):
     return np.broadcast_to(p, (knots, *p.shape)), np.broadcast_to(n, (knots, *n.shape)), J
 
 
-def solve(p, n, load, J, **changes):
+def contacts(p, n, J):
+    """Sets of contacts at p (N, k, 3) with normals n (N, k, 3) into the object."""
+    return replace(ContactSets.of_points(p, -n, np.zeros(3)), J_WP=J)
+
+
+def problem(load, **changes):
     values = {
-        "p_WCom": np.zeros((len(p), 3)),
         "force_W": WEIGHT,
         "friction": FRICTION,
         "torsion_radius": RADIUS,
-        "J": J,
-        "effort": np.full((p.shape[1], 3), 0.075),
+        "effort": np.full((load.shape[1], 3), 0.075),
         "preload": 0.4,
     }
-    return balance_forces(p, n, load, **(values | changes))
+    return ForceProblem(load=load, **(values | changes))
+
+
+def solve(p, n, load, J, **changes):
+    return balance_forces(contacts(p, n, J), problem(load, **changes))
 
 
 CAGE = ([-60, -120, -90, 90, 90], [-0.03, -0.03, 0.03, 0.01, -0.02])
@@ -59,10 +70,8 @@ def test_forces_balance_within_every_limit():
 def test_a_preload_out_of_reach_is_approached():
     p, n, J = rod(1, *CAGE)
     forces = solve(p, n, np.ones((1, 5)), J, preload=3.0)
-    best = margins(
-        p, n, np.ones((1, 5), bool), p_WCom=np.zeros(3), force_W=WEIGHT, friction=FRICTION, torsion_radius=RADIUS,
-        J=J, effort=np.full((5, 3), 0.075),
-    )  # fmt: skip
+    bearable = Capacity(friction=FRICTION, torsion_radius=RADIUS, effort=np.full((5, 3), 0.075))
+    best = margins(contacts(p, n, J), bearable, WEIGHT)
     assert forces.preload[0] >= 0.9 * best[0]  # the last of it would cost much friction
 
 
@@ -103,9 +112,9 @@ def test_a_fixture_frees_forces_from_balance():
     p, n, J = rod(2, [90], [0.0])
     with pytest.raises(NoPlanFound, match="balance"):
         solve(p, n, np.ones((2, 1)), J)
-    forces = solve(p, n, np.ones((2, 1)), J, held=np.array([True, True]))
+    forces = solve(p, n, np.ones((2, 1)), J, fixture=np.array([True, True]))
     np.testing.assert_allclose(forces.f_W[:, 0], 0.4 * n[:, 0], atol=1e-4)
-    assert not solve(p, n, np.zeros((2, 1)), J, held=np.array([True, True])).f_W.any()
+    assert not solve(p, n, np.zeros((2, 1)), J, fixture=np.array([True, True])).f_W.any()
 
 
 @given(st.floats(0.0, 5.0), st.floats(1.0, 10.0))

@@ -4,6 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity
 from drake_hand.contact.grasp_measures import grasp_measures, wrenches
 
 WEIGHT = np.array([0.0, 0.0, -0.15])
@@ -16,9 +18,11 @@ def around(k, radius=0.03):
     return -radius * n, n
 
 
-def measure(p, n, **changes):
-    values = {"p_WCom": np.zeros(3), "force_W": WEIGHT, "friction": 0.5, "torsion_radius": 1e-3}
-    return grasp_measures(p, n, **(values | changes))
+def measure(p, n, force_W=WEIGHT, **changes):
+    capacity = {"friction": 0.5, "torsion_radius": 1e-3, "f_max": 1.0}
+    return grasp_measures(
+        ContactSets.of_points(p[None], -n[None], np.zeros(3)), Capacity(**(capacity | changes)), force_W
+    )
 
 
 def test_epsilon_is_the_weakest_direction():

@@ -7,7 +7,7 @@ import pytest
 
 from drake_hand.epos.drives import DrivesFile
 from drake_hand.errors import InputError, MissingFile
-from drake_hand.files import bundled, load, read_text, resolve, write_atomic
+from drake_hand.files import bundled, load, make_folder, read_text, require_place, resolve, write_atomic
 from drake_hand.model.hand_file import HandSpec
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
@@ -190,7 +190,17 @@ def test_a_folder_that_is_not_there_is_not_made(tmp_path):
         write_atomic(tmp_path / "figurs" / "a.txt", "")
     with pytest.raises(InputError, match="this is a folder"):
         write_atomic(tmp_path, "")
+    for make in (require_place, make_folder):
+        with pytest.raises(MissingFile, match="no such folder"):
+            make(tmp_path / "figurs" / "spin")
     assert not list(tmp_path.iterdir())
+    require_place(tmp_path / "figures")
+    assert not list(tmp_path.iterdir())
+    make_folder(tmp_path / "figures")
+    make_folder(tmp_path / "figures")
+    (tmp_path / "a.txt").touch()
+    with pytest.raises(InputError, match="this is a file"):
+        make_folder(tmp_path / "a.txt")
 
 
 def test_who_may_read_a_file_is_left_to_the_umask(tmp_path, monkeypatch):

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 
 from drake_hand.contact.chain import material_jacobian
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning import approach
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Equilibrium, Holding
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.moves import Corridor, Moves

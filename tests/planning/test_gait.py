@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.contact_sets import ContactSets
 from tests.planning.small import equilibrium, table, turn
 
 FINGERS = [0, 1, 2, 3]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.model.hand import Hand
-from drake_hand.planning.contact_sets import ContactSets
 from drake_hand.planning.holding import Equilibrium, Kinematic, Tally
 
 HAND = Hand.load("quartet")

@@ -3,7 +3,9 @@
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.forces import balance_forces, joint_offsets, pad_compression
+from drake_hand.contact.compliance import joint_offsets, pad_compression
+from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.forces import ForceProblem, balance_forces
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
@@ -49,7 +51,7 @@ def held_plan(
         p[i] = X[:3, :3] @ p_O[i] + P_WO
         J[i] = J_C[0] + finger.radius * skew(nhat[i]) @ Jw[0]
         load[:, i] = np.minimum(t / RAMP, 1)
-    many = [np.repeat(x[None], n, axis=0) for x in (p, -nhat, J)]
+    p_WP, n_W, J_WP = (np.repeat(x[None], n, axis=0) for x in (p, nhat, J))
     physics = Physics(friction=friction, gravity=gravity)
     start = Pose(xyz_mm=(0, 0, 0), joints_deg={hand.joints[c]: float(np.degrees(q[c])) for c in range(hand.nq)})
     task = Task(
@@ -62,23 +64,21 @@ def held_plan(
     )
     offset, f = None, None
     if hold == "equilibrium":
-        forces = balance_forces(
-            many[0],
-            many[1],
-            load,
-            p_WCom=np.repeat(P_WO[None], n, axis=0),
+        sets = ContactSets(p_WP=p_WP, n_W=n_W, J_WP=J_WP, mask=load > 0, p_WCom=np.repeat(P_WO[None], n, axis=0))
+        problem = ForceProblem(
+            load=load,
+            preload=preload,
             force_W=object_.mass * np.array(gravity),
             friction=planned_friction,
             torsion_radius=3e-4,
-            J=many[2],
             effort=np.full((k, 3), 0.075),
-            preload=preload,
-            held=t < RAMP,
+            fixture=t < RAMP,
         )
+        forces = balance_forces(sets, problem)
         f = forces.f_W
         radii = np.array([finger.radius for finger in hand.fingers])
-        depth = pad_compression(hand.pad, np.sum(f * many[1], axis=-1), 1 + radii / 0.008)
-        offset = joint_offsets(hand, many[2], f, depth[..., None] * many[1])
+        depth = pad_compression(hand.pad, -np.sum(f * n_W, axis=-1), 1 + radii / 0.008)
+        offset = joint_offsets(hand, J_WP, f, -depth[..., None] * n_W)
         offset += weight_offsets(scene, q[None], np.array(gravity))
     contacts = {
         name: Contact(

@@ -8,7 +8,7 @@ import numpy as np
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.equilibrium import margin
+from drake_hand.contact.kernels.equilibrium import margin
 from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from drake_hand.compiled import njit
-from drake_hand.contact.equilibrium import workspace
+from drake_hand.contact.kernels.equilibrium import workspace
 from drake_hand.contact.kernels.geometry import Solid
 from drake_hand.contact.kernels.rolling import Chains
 

@@ -33,6 +33,21 @@ class ContactSets:
         p_WP, J_WP, mask = np.zeros((N, n, 3)), np.zeros((N, n, 3, m)), np.zeros((N, n), dtype=bool)
         return cls(p_WP=p_WP, n_W=n_W, J_WP=J_WP, mask=mask, p_WCom=p_WCom)
 
+    @classmethod
+    def of_points(cls, p_WP: np.ndarray, n_W: np.ndarray, p_WCom: np.ndarray) -> ContactSets:
+        """Sets known by points (N, n, 3), outward normals (N, n, 3) and mass centre (3,) or (N, 3) alone.
+
+        No joints press these contacts, so that no joint's effort limits them.
+        """
+        N, n = p_WP.shape[:2]
+        return cls(
+            p_WP=p_WP,
+            n_W=n_W,
+            J_WP=np.zeros((N, n, 3, 0)),
+            mask=np.ones((N, n), dtype=bool),
+            p_WCom=np.array(np.broadcast_to(p_WCom, (N, 3)), dtype=float),
+        )
+
     def put(
         self, finger: int, p_WP: np.ndarray, n_W: np.ndarray, J_WP: np.ndarray, rows: slice | int = slice(None)
     ) -> None:

@@ -1,0 +1,109 @@
+"""What servos are commanded so that fingers exert forces: pads are pressed in, tips roll short, joints yield."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_hand.contact.chain import solve_least_squares
+from drake_hand.model.hand import Hand, PadSpec
+
+_FADE = 0.8
+"""What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
+_DAMPING = 5e-4
+"""Of least squares near singular postures, m."""
+
+
+def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | float) -> np.ndarray:
+    """How deep a fingertip of this pad is pressed in by a normal force.
+
+    A hydroelastic sphere of radius R has pressure modulus x (1 - distance from centre / R); on a flat rigid surface
+    that sums to N = pi modulus depth^2 whatever R is, and over a surface that curves away with principal
+    curvatures c1, c2 to N = pi modulus depth^2 / sqrt((1 + R c1) (1 + R c2)).
+
+    Args:
+        pad: the fingertip's material.
+        force: (...) normal force, N.
+        curvature: (...) the factor (1 + R c1) (1 + R c2), 1 for a flat surface, 1 + R / r for a rod of radius r.
+
+    Returns:
+        (...) depth, m.
+    """
+    return np.sqrt(np.maximum(force, 0.0) * np.sqrt(curvature) / (np.pi * pad.hydroelastic_modulus_pa))
+
+
+def roll_correction(
+    depth: np.ndarray,
+    n_W: np.ndarray,
+    R_WT: np.ndarray,
+    R_WO: np.ndarray,
+    touching: np.ndarray,
+    sliding: np.ndarray | None = None,
+) -> np.ndarray:
+    """How far a compressed tip's centre has to move aside so that it rolls where the uncompressed one would.
+
+    A tip pressed in by d rolls on radius r - d. Where a path was made for radius r, its surface then slips
+    by v = d' n + d (dn/dt - w_T x n) over the object's, n pointing into the object; the tangential part of -v,
+    integrated from `make` on and carried along with the object, undoes it. Left out, a turn of a pencil lags by
+    5 deg.
+
+    Args:
+        depth: (n, k) compression, m.
+        n_W: (n, k, 3) unit normals into the object.
+        R_WT: (n, k, 3, 3) orientation of the tips.
+        R_WO: (n, 3, 3) orientation of the object.
+        touching: (n, k) where there is contact.
+        sliding: (n, k) where the tip slides: what it has gathered fades, since the point it belongs to is left.
+
+    Returns:
+        (n, k, 3) displacement of tip centres, zero where there is no contact, m.
+    """
+    out = np.zeros_like(n_W)
+    for j in range(1, len(depth)):
+        n, n0 = n_W[j], n_W[j - 1]
+        turned = Rotation.from_matrix(R_WT[j] @ R_WT[j - 1].transpose(0, 2, 1)).as_rotvec()
+        slipped = 0.5 * (depth[j] + depth[j - 1])[:, None] * (n - n0 - np.cross(turned, 0.5 * (n + n0)))
+        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T
+        moved = moved - slipped if sliding is None else np.where(sliding[j][:, None], _FADE * moved, moved - slipped)
+        moved -= n * np.sum(n * moved, axis=1, keepdims=True)
+        out[j] = np.where((touching[j] & touching[j - 1])[:, None], moved, 0.0)
+    return out
+
+
+def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+    """How hard a tip pushes back along the normal per way it is pushed, its joints' servos yielding.
+
+    Args:
+        hand: with the stiffness of its servos.
+        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
+        n_W: (n, fingers, 3) unit normals.
+
+    Returns:
+        (n, fingers) N/m; very large where no joint moves the tip along the normal.
+    """
+    yields = np.zeros(J_WP.shape[:2])
+    for i, finger in enumerate(hand.fingers):
+        lever = np.einsum("nim,ni->nm", J_WP[:, i, :, : len(finger.columns)], n_W[:, i])
+        yields[:, i] = np.sum(lever**2 / hand.stiffness[finger.columns], axis=1)
+    return 1 / np.maximum(yields, 1e-9)
+
+
+def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:
+    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip centre has to move.
+
+    Args:
+        hand: the hand; K is its joint stiffness.
+        J_WP: (n, fingers, 3, m) Jacobians of the tips' contact points, coupled joints folded in, m/rad.
+        f_W: (n, fingers, 3) force of each finger on the object, N.
+        moved_W: (n, fingers, 3) tip centres beside their path, from compression and :func:`roll_correction`, m.
+
+    Returns:
+        (n, nq) rad.
+    """
+    out = np.zeros((len(f_W), hand.nq))
+    for i, finger in enumerate(hand.fingers):
+        c = finger.columns
+        J = J_WP[:, i, :, : len(c)]
+        out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
+        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING)
+    return out
