@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.chain import solve_least_squares
+from drake_hand.contact.chain import cross, solve_least_squares
 from drake_hand.model.hand import Hand, PadSpec
 
 _FADE = 0.8
@@ -59,14 +59,18 @@ def roll_correction(
         (n, k, 3) displacement of tip centres, zero where there is no contact, m.
     """
     out = np.zeros_like(n_W)
-    for j in range(1, len(depth)):
-        n, n0 = n_W[j], n_W[j - 1]
-        turned = Rotation.from_matrix(R_WT[j] @ R_WT[j - 1].transpose(0, 2, 1)).as_rotvec()
-        slipped = 0.5 * (depth[j] + depth[j - 1])[:, None] * (n - n0 - np.cross(turned, 0.5 * (n + n0)))
-        moved = out[j - 1] @ (R_WO[j] @ R_WO[j - 1].T).T
-        moved = moved - slipped if sliding is None else np.where(sliding[j][:, None], _FADE * moved, moved - slipped)
+    between = R_WT[1:] @ np.swapaxes(R_WT[:-1], 2, 3)
+    turned = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec().reshape(n_W[1:].shape)
+    slipped = n_W[1:] - n_W[:-1] - cross(turned, 0.5 * (n_W[1:] + n_W[:-1]))
+    slipped *= 0.5 * (depth[1:] + depth[:-1])[..., None]
+    carried = R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2)
+    stays = touching[1:] & touching[:-1]
+    slides = np.zeros_like(stays) if sliding is None else sliding[1:]
+    for j, n in enumerate(n_W[1:]):
+        moved = out[j] @ carried[j].T
+        moved = np.where(slides[j, :, None], _FADE * moved, moved - slipped[j])
         moved -= n * np.sum(n * moved, axis=1, keepdims=True)
-        out[j] = np.where((touching[j] & touching[j - 1])[:, None], moved, 0.0)
+        out[j + 1] = np.where(stays[j, :, None], moved, 0.0)
     return out
 
 

@@ -103,11 +103,15 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     def balanced(rows: slice) -> Forces:
         return balance_forces(contacts[rows], problem[rows])
 
+    lost = INTERPOLATED * holding.weight
+    # what can be told of knots before there are forces saves working these out twice
+    more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
+    if more is not None:
+        return add_forces(more, scene, gravity_W, holding)
     try:
         forces = balanced(slice(n))
     except Unbalanced as e:
         raise _blamed(e, balanced, legs, starts, X) from e
-    lost = INTERPOLATED * holding.weight
     more = finer(legs, starts, p, forces.f_W, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding)

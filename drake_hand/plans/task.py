@@ -197,9 +197,10 @@ class Task(_Strict, frozen=True, kw_only=True):
                 )
             kind = given[0]
             if kind == "grasp":
-                if held:
-                    refuse("the object is already grasped", f"{key}.grasp", "grasp", "a release before it")
                 fingers = step.grasp.fingers if step.grasp else None
+                if held and fingers is None:
+                    words = "the fingers it is handed over to, or a release before it"
+                    refuse("the object is already grasped", f"{key}.grasp.fingers", None, words)
                 if fingers is not None and (not fingers or len(set(fingers)) != len(fingers)):
                     refuse(
                         "fingers of a grasp must be distinct and at least one",
