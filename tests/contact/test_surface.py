@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -239,6 +240,29 @@ def test_edge_distance():
     np.testing.assert_allclose(box.edge_distance(points), [0.002, 0.001, 0.015])
     np.testing.assert_allclose(cylinder.edge_distance(np.array([[0.01, 0, 0.047], [0, 0.006, 0.05]])), [0.003, 0.004])
     assert np.isinf(along_z("sphere", (0.02,)).edge_distance(np.array([[0.02, 0, 0]]))).all()
+
+
+def test_edges_of_meshes_are_those_at_which_they_turn_sharply():
+    """A six-sided prism has eighteen edges, one of 24 sides only its rims: the rest are facets of something round."""
+    for sides, top in ((6, 0.005), (24, np.inf)):
+        angle = 2 * np.pi * np.arange(sides) / sides
+        ring = 0.01 * np.column_stack([np.cos(angle), np.sin(angle)])
+        points = np.vstack([np.column_stack([ring, np.full(sides, z)]) for z in (-0.05, 0.05)])
+        hull = trimesh.convex.convex_hull(points)
+        prism = Surface((Geometry(kind="mesh", X_OG=np.eye(4), vertices=hull.vertices, faces=hull.faces),))
+        middle = (ring[0] + ring[1]) / 2
+        on_side, by_rim = np.array([[*middle, 0.0], [*middle, 0.049]])[:, None]
+        np.testing.assert_allclose(prism.edge_distance(on_side), min(top, 0.05), atol=1e-9)
+        np.testing.assert_allclose(prism.edge_distance(by_rim), 0.001, atol=1e-9)
+
+
+def test_what_looks_the_same_after_a_move():
+    X = np.eye(4)
+    X[:3, :3] = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    assert along_z("box", (0.04, 0.04, 0.1)).same_after(X)
+    assert not along_z("box", (0.04, 0.0402, 0.1)).same_after(X)
+    X[2, 3] = 1e-4
+    assert not along_z("box", (0.04, 0.04, 0.1)).same_after(X)
 
 
 def test_long_axis_and_extent():

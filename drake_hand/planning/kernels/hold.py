@@ -81,7 +81,8 @@ def held(w, load, mask, X, s):
 def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
     """Writes margins (N, n + 1) of sets of contacts: without each finger, and in the last column with all.
 
-    Fingers that do not touch, and all where even all together do not hold, have that of all. Contact points in O and outward normals in W (N, n, 3) are written too.
+    Fingers that do not touch, and all where even all together do not hold, have that of all. Contact points in O and
+    outward normals in W (N, n, 3) are written too.
     """
     s = scratch(w)
     n = q0.shape[1]
