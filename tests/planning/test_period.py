@@ -36,7 +36,7 @@ def test_a_mass_beside_the_axis_has_no_period():
     m = moves("quartet", "cylinder", way)
     surface, com = m.clearance.surface, np.array(m.clearance.p_OCom)
     assert Period.of(way, surface, com).count == 4
-    assert Period.of(way, surface, com + [1e-3, 0, 0]) is None
+    assert Period.of(way, surface, com + np.array([1e-3, 0, 0])) is None
     assert Period.of(path("quartet", turn(180.0), turn(90.0)), surface, com) is None
 
 
@@ -87,7 +87,7 @@ def test_contacts_of_later_periods_are_on_the_surface(twice):
 
 
 def test_fingers_go_back_only_while_the_others_hold(twice):
-    m, p, root, end = twice
+    *_, end = twice
     for before, after in itertools.pairwise(end.chain):
         if not isinstance(after.move, Stroke) and before.touching[after.move.finger]:
             assert before.margins[after.move.finger] >= 0
