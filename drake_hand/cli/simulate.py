@@ -116,6 +116,9 @@ def _print(result: Replay) -> None:
         _rows(result),
     )
     print(f"success rate {result.success_rate:.0%}, {result.realtime_factor:.2g} x real time")
+    if result.rooms:
+        least = min(result.rooms, key=lambda room: room.room_mm)
+        print(f"least room: {least.finger} lets go where the object is {least.room_mm:.2g} mm off, part {least.part}")
     saturated = max((r.correction.saturated_s for r in result.runs if r.correction), default=0.0)
     if saturated:
         print(f"the correction was held back by what the plan allows for up to {saturated:.2g} s of a run")

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
-from drake_hand.model.hand import PadSpec
+from drake_hand.model.hand import Hand, PadSpec
 
 EngineName = Literal["drake", "mujoco"]
 
@@ -125,6 +125,15 @@ def _direction(rng: np.random.Generator, size: float) -> tuple[float, float, flo
     a = rng.normal(size=3)
     x, y, z = size * a / np.linalg.norm(a)
     return float(x), float(y), float(z)
+
+
+def joint_values(hand: Hand, q: np.ndarray) -> dict[str, float]:
+    """Positions of every joint of the fingers, those that follow others too, at commanded joints q (nq,)."""
+    return {
+        axis.joint: axis.multiplier * q[finger.columns[axis.source]] + axis.offset
+        for finger in hand.fingers
+        for axis in finger.axes
+    }
 
 
 def stiffer(pad: PadSpec, stiffness: float) -> PadSpec:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.files import write_atomic
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build
+from drake_hand.physics.mujoco_model import OBJECT, STEP, build, controls, put
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.replay import commands
 from drake_hand.plans.holds import hold_windows
@@ -60,9 +60,8 @@ def export(plan: Plan) -> MujocoExport:
     trajectory = Trajectory(plan)
     first = trajectory.at(0.0)
     X_WO = first.X_WO[0]
-    pose = np.array([*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)])
-    thing = spec.body(OBJECT)
-    thing.pos, thing.quat = pose[:3], pose[3:]  # a weld holds bodies as they stand in the model
+    thing = spec.body(OBJECT)  # a weld holds bodies as they stand in the model
+    thing.pos, thing.quat = X_WO[:3, 3], np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)
     spec.add_equality(
         name=FIXTURE,
         type=mujoco.mjtEq.mjEQ_WELD,
@@ -73,17 +72,10 @@ def export(plan: Plan) -> MujocoExport:
         solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0],
     )
     model = spec.compile()
-    told = commands(trajectory)
     t = np.arange(0.0, plan.duration, STEP)
-    lead = (hand.damping / hand.stiffness)[:, None]
-    ctrl = (told.vector_values(t) + lead * told.MakeDerivative().vector_values(t)).T
+    ctrl = controls(hand, commands(trajectory), t)
     qpos = np.zeros(model.nq)
-    for finger in hand.fingers:
-        for axis in finger.axes:
-            value = axis.multiplier * first.q[0, finger.columns[axis.source]] + axis.offset
-            qpos[model.joint(axis.joint).qposadr[0]] = value
-    start = model.joint(OBJECT).qposadr[0]
-    qpos[start : start + 7] = pose
+    put(model, qpos, hand, first.q[0], X_WO)
     spec.add_key(name=START, qpos=qpos, ctrl=ctrl[0])
     spec.compile()
     return MujocoExport(xml=spec.to_xml(), t=t, ctrl=ctrl, free=np.array(hold_windows(plan)), joints=list(hand.joints))

@@ -7,10 +7,13 @@ import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, GeometryId, Mesh, Role, Shape, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.spatial.transform import Rotation
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.physics.engine import joint_values
 
 STEP = 1.0e-3
 """Time step, s."""
@@ -84,6 +87,29 @@ def build(
         servo.forcelimited, servo.forcerange = True, [-effort, effort]
     _soften(spec, hand, pad_stiffness, relaxation)
     return spec
+
+
+def put(model: mujoco.MjModel, qpos: np.ndarray, hand: Hand, q: np.ndarray, X_WO: np.ndarray) -> None:
+    """Writes commanded joints q (nq,) and the object's pose (4, 4) into positions of a model."""
+    for name, value in joint_values(hand, q).items():
+        qpos[model.joint(name).qposadr[0]] = value
+    start = model.joint(OBJECT).qposadr[0]
+    qpos[start : start + 7] = [*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)]
+
+
+def controls(hand: Hand, commands: PiecewisePolynomial, t: np.ndarray, *, stiffness: float = 1.0) -> np.ndarray:
+    """(k, nq) what position actuators are told at times t (k,) so that they follow commands as Drake's servos do.
+
+    A servo of MuJoCo's is told no speed; D / K of the commands' rates more makes its damping follow them.
+
+    Args:
+        hand: with servo gains.
+        commands: (nq,) joints over time.
+        t: times, s.
+        stiffness: factor on the gains' stiffness.
+    """
+    lead = (hand.damping / (hand.stiffness * stiffness))[:, None]
+    return (commands.vector_values(t) + lead * commands.MakeDerivative().vector_values(t)).T.copy()
 
 
 def tip_shapes(hand: Hand) -> list[str]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.spatial.transform import Rotation
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import Perturbation, Touch
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build, tip_shapes
+from drake_hand.physics.mujoco_model import OBJECT, STEP, build, controls, put, tip_shapes
 
 _HELD = 1.0e6
 """Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
@@ -61,10 +60,7 @@ class MujocoPhysics:
         model.actuator_biasprm[:, 1] *= change.stiffness
         self.data = mujoco.MjData(model)
         times = np.arange(commands.start_time(), commands.end_time(), STEP)
-        # A servo of MuJoCo's is told no speed; this much more of position makes its damping follow the command's.
-        lead = (hand.damping / (hand.stiffness * change.stiffness))[:, None]
-        rates = commands.MakeDerivative().vector_values(times)
-        self._ctrl = (commands.vector_values(times) + lead * rates).T.copy()
+        self._ctrl = controls(hand, commands, times, stiffness=change.stiffness)
         self._start, self._done = commands.start_time(), 0
         self._dq = np.zeros(hand.nq)
         self._columns = np.array([model.joint(name).qposadr[0] for name in hand.joints])
@@ -77,7 +73,7 @@ class MujocoPhysics:
         self._body = model.body(OBJECT).id
         self._finger = {model.geom(name).id: i for i, name in enumerate(tip_shapes(hand))}
         self._tips = [model.body(finger.tip_link).id for finger in hand.fingers]
-        self._set(commands.value(commands.start_time())[:, 0], change.start(X_WO))
+        put(model, self.data.qpos, hand, commands.value(commands.start_time())[:, 0], change.start(X_WO))
         self.take_back()
         mujoco.mj_forward(model, self.data)
 
@@ -160,10 +156,3 @@ class MujocoPhysics:
         w, v = self.data.cvel[body].reshape(2, 3)
         x, y, z = p_W - self.data.subtree_com[self.model.body_rootid[body]]
         return v + np.array([w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x])
-
-    def _set(self, q: np.ndarray, X_WO: np.ndarray) -> None:
-        for finger in self.hand.fingers:
-            for axis in finger.axes:
-                adr = self.model.joint(axis.joint).qposadr[0]
-                self.data.qpos[adr] = axis.multiplier * q[finger.columns[axis.source]] + axis.offset
-        self.data.qpos[self._pose] = [*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)]

@@ -18,8 +18,11 @@ import numpy as np
 
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.feedback.sensor import PoseSensor
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
 from drake_hand.physics.engine import EngineName, Perturbation, Push
 from drake_hand.physics.replay import replay as one_run
+from drake_hand.physics.room import Room, rooms
 from drake_hand.physics.run import Record, Run
 from drake_hand.physics.simulation import ContactKind
 from drake_hand.plans.holds import hold_windows
@@ -46,6 +49,8 @@ class Replay:
     dropped: int
     realtime_factor: float
     """Median over runs."""
+    rooms: list[Room]
+    """By part of the plan: how far the object may be off before a finger lets go."""
     runs: list[Run]
 
 
@@ -117,6 +122,7 @@ def simulate(
         hold = hold_windows(plan)
         window = (hold[0][0], hold[-1][1])
         changes = [x.pushed(push, window, np.random.default_rng((seed, i, 1))) for i, x in enumerate(changes)]
+    weakest = rooms(plan, Hand.load(plan.task.hand), Object.load(plan.task.object))
     kind: ContactKind = contact if engine == "drake" else "point"
     run = partial(one_run, plan, engine=engine, contact=kind, feedback=feedback)
     tell = progress or (lambda _: None)
@@ -135,6 +141,7 @@ def simulate(
             success_rate=float(np.mean([r.success for r in results])),
             dropped=sum(r.dropped for r in results),
             realtime_factor=float(np.median([r.realtime_factor for r in results])),
+            rooms=weakest,
             runs=results,
         )
 

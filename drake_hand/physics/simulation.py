@@ -41,7 +41,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.plant import add_hand_and_object
-from drake_hand.physics.engine import Perturbation, Touch, stiffer
+from drake_hand.physics.engine import Perturbation, Touch, joint_values, stiffer
 
 ContactKind = Literal["hydroelastic", "point"]
 
@@ -256,10 +256,8 @@ class Physics:
 
     def _set_hand(self, q: np.ndarray) -> None:
         positions = self.plant.GetPositions(self._context)
-        for finger in self.hand.fingers:
-            for axis in finger.axes:
-                start = self.plant.GetJointByName(axis.joint).position_start()
-                positions[start] = axis.multiplier * q[finger.columns[axis.source]] + axis.offset
+        for name, value in joint_values(self.hand, q).items():
+            positions[self.plant.GetJointByName(name).position_start()] = value
         self.plant.SetPositions(self._context, positions)
 
 
