@@ -40,7 +40,7 @@ def main() -> int:
         record = name.with_suffix(".physics.npz") if name else None
         with spawn_physical_hand(drives, options.plan, q, seed=seed, record=record) as hand:
             with hand.spawned.open_bus() as bus:
-                run = execute(plan, drives, bus, clock=hand.clock, log=name and name.with_suffix(".run.npz"))
+                run = execute(plan, drives, bus, log=name and name.with_suffix(".run.npz"))
             found = hand.outcome()
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = (used.ru_utime - before.ru_utime) / plan.duration

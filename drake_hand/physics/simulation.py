@@ -159,11 +159,10 @@ class Physics:
         """Has the fixture hold the object again, where it is."""
         self._fixture.Lock(self._context)
 
-    def take_away(self) -> None:
-        """Takes the object out of the hand, a metre below it, and holds it there."""
-        X_WO = self.plant.EvalBodyPoseInWorld(self._context, self._object)
+    def take_back_at(self, X_WO: np.ndarray) -> None:
+        """Has the fixture hold the object somewhere else, at (4, 4): out of the hand, say, or in it again."""
         self._fixture.Unlock(self._context)
-        self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO.translation() - [0.0, 0.0, 1.0]))
+        self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO))
         self._fixture.Lock(self._context)
 
     def command(self, q: np.ndarray, v: np.ndarray) -> None:
