@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -35,7 +35,6 @@ DROPPED_MM = 30.0
 _SAMPLE_STEPS = 5
 _AGAIN_S = 0.5
 """So far back in plan time is another run; where a pause ends it goes back by a step."""
-_CHILD = "from drake_hand.cli.drives_physics import serve; serve()"
 
 
 class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -50,7 +49,7 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     handed_s: float | None
     """Plan time at which a person brings the object; it is there from the start if not given."""
     seed: int | None
-    """Of what is not as planned: friction, mass, stiffness, start; None for nothing."""
+    """Of what is not as planned: friction, mass, stiffness; None for nothing."""
     record: str | None
 
 
@@ -140,13 +139,13 @@ def spawn_physical_hand(
             seed=seed,
             record=str(record) if record else None,
         )
-        with child(["-c", _CHILD], setup, "physics") as process:
+        with child(["-m", "drake_hand.cli.drives_physics"], setup, "physics") as process:
             yield PhysicalHand(
                 spawned=SpawnedDrives(interface=IN_STEP, channel=str(file), process=process), clock=clock
             )
 
 
-def serve() -> None:
+def _child() -> None:
     """Simulates until its input ends, then says what became of the object."""
     commands, setup = begin(Setup)
     stop = threading.Event()
@@ -190,7 +189,10 @@ class _World:
 
         hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
         check_models(plan, hand, object_)
-        change = Perturbation() if setup.seed is None else Perturbation.draw(np.random.default_rng(setup.seed))
+        change = Perturbation()
+        if setup.seed is not None:  # the object begins where the plan has it: a person, or a fixture, brings it
+            drawn = Perturbation.draw(np.random.default_rng(setup.seed))
+            change = replace(drawn, shift_mm=change.shift_mm, turn_deg=change.turn_deg)
         self._trajectory = Trajectory(plan)
         first = self._trajectory.at(0.0)
         self.physics = Physics(
@@ -324,3 +326,7 @@ class _World:
         """Writes what happened, a row each 5 ms."""
         plan_time, X_WO, q, f_W = (np.array(column) for column in zip(*self._rows, strict=True))
         np.savez_compressed(file, plan_time=plan_time, X_WO=X_WO, q=q, f_W=f_W)
+
+
+if __name__ == "__main__":
+    _child()
