@@ -208,6 +208,7 @@ class _World:
         self._columns = np.array([list(hand.joints).index(j) for j in drives.joints])
         self._q, self._v = first.q_command[0].copy(), np.zeros(hand.nq)
         self._q[self._columns] = setup.q
+        self.physics.stand(self._q)
         self._stiffness, self._damping = hand.stiffness * change.stiffness, hand.damping
         self._windows, self._end = hold_windows(plan), plan.duration
         self._axis = main_axis(plan.task, first.X_WO[0], object_)

@@ -146,7 +146,7 @@ class Physics:
         self._context = plant.GetMyMutableContextFromRoot(root)
         self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
         self._rates = np.array([plant.GetJointByName(n).velocity_start() for n in hand.joints])
-        self._set_hand(commands.value(commands.start_time())[:, 0])
+        self.stand(commands.value(commands.start_time())[:, 0])
         plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
         (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
         self._fixture.Lock(self._context)
@@ -253,7 +253,8 @@ class Physics:
     def _name(self, geometry: GeometryId) -> str:
         return self.plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry)).name()
 
-    def _set_hand(self, q: np.ndarray) -> None:
+    def stand(self, q: np.ndarray) -> None:
+        """Puts the hand into a posture (nq,), rad, as it is."""
         positions = self.plant.GetPositions(self._context)
         for finger in self.hand.fingers:
             for axis in finger.axes:
