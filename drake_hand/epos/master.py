@@ -32,6 +32,8 @@ NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0x01, 0x80
 """NMT commands."""
 HEARTBEAT_OPERATIONAL = 0x05
 SDO_TIMEOUT_S, SDO_TRIES = 0.3, 2
+_SLOW_SDO_TIMEOUT_S = 5.0
+"""Of drives that go by a clock of their own: as slow as the physics they move."""
 _SCAN_S, _QUIET_S, _SCAN_BURST = 1.0, 0.3, 8
 _CLOSE_S = 2.0
 """Time the bus thread is given to end; one that hangs in its interface is left to die with the process."""
@@ -195,7 +197,8 @@ class Master:
     def _client(self, node: int) -> canopen.sdo.SdoClient:
         if node not in self._clients:
             remote = canopen.RemoteNode(node, canopen.ObjectDictionary())
-            remote.sdo.RESPONSE_TIMEOUT, remote.sdo.MAX_RETRIES = SDO_TIMEOUT_S, SDO_TRIES
+            remote.sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S if self.clock.real else _SLOW_SDO_TIMEOUT_S
+            remote.sdo.MAX_RETRIES = SDO_TRIES
             self.network.add_node(remote)
             self._clients[node] = remote.sdo
         return self._clients[node]
