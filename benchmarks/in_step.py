@@ -2,8 +2,8 @@
 
     python benchmarks/in_step.py spin.plan.json --runs 10 [--logs DIR]
 
-Friction, mass and stiffness are within 20 %, the start 1 mm and 2 deg off, as in ``simulate --runs``. Success: not
-dropped, at the end within 1 mm, 3 deg of tilt and 8 deg of turn. The factor to real time is that of this computer and
+Friction, mass and stiffness are within 20 %, as in ``simulate --runs``. Success: not dropped, at the end within 1 mm,
+3 deg of tilt and 8 deg of turn. The factor to real time is that of this computer and
 what else it does; the one in brackets counts the seconds of processor that drives and physics took.
 """
 
@@ -40,7 +40,7 @@ def main() -> int:
         record = name.with_suffix(".physics.npz") if name else None
         with spawn_physical_hand(drives, options.plan, q, seed=seed, record=record) as hand:
             with hand.spawned.open_bus() as bus:
-                run = execute(plan, drives, bus, clock=hand.clock, log=name and name.with_suffix(".run.npz"))
+                run = execute(plan, drives, bus, log=name and name.with_suffix(".run.npz"))
             found = hand.outcome()
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = (used.ru_utime - before.ru_utime) / plan.duration

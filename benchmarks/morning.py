@@ -2,7 +2,8 @@
 
     python benchmarks/morning.py my.plan.json
 
-On fifteen simulated drives that were switched on just now, in a process and on a bus of their own.
+On fifteen simulated drives that were switched on just now, whose motors move a hand in physics: nobody but its fingers
+holds the object once it was handed over. Every joint stands at 0 deg, which is how the zeros are told.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from drake_hand.cli import run
+from drake_hand.cli.drives_physics import Outcome, spawn_physical_hand
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.pdo import NMT_COB, SYNC_COB
 from drake_hand.epos.sim.faults import Fault
-from drake_hand.epos.sim.process import SpawnedDrives, spawn_simulated_drives
+from drake_hand.epos.sim.process import SpawnedDrives
+from drake_hand.plans.plan import Plan
 
 NMT_START = 1
 FAULT_AFTER_SYNCS = 500
@@ -42,7 +46,7 @@ def commands(plan: Path) -> list[Command]:
     hand_over = ["--pause", "grasp", "--go-after", "0.5"]
     return [
         Command(tokens=execute, status=1),
-        Command(tokens=["drives", "zero"], status=0),
+        Command(tokens=["drives", "zero", "--by-hand", "zero"], status=0),
         Command(tokens=["drives", "home"], status=0),
         Command(tokens=[*execute, "--from-here", *hand_over], status=1, fault=True),
         Command(tokens=["drives", "off"], status=0),
@@ -52,17 +56,18 @@ def commands(plan: Path) -> list[Command]:
     ]
 
 
-def morning(plan: Path, say: Callable[[str], None] = print) -> list[int]:
-    """Types them all; the statuses with which they end.
+def morning(plan: Path, say: Callable[[str], None] = print) -> tuple[list[int], Outcome]:
+    """Types them all; the statuses with which they end, and what became of the object in the last run.
 
     Args:
         plan: certified, for the bundled hand; nothing is in the hand at its start.
         say: told each command before it runs.
     """
     drives = Drives.load()
-    q = np.radians(np.where(np.char.find(drives.joints, "flexion") >= 0, 20.0, 8.0))  # as somebody left it
-    ended = []
-    with spawn_simulated_drives(drives, q=q, zeroed=False) as spawned:
+    found, ended = Plan.load(plan), []
+    handed_s = around_grasp(found, found.duration)[0]
+    with spawn_physical_hand(drives, plan, np.zeros(len(drives.joints)), zeroed=False, handed_s=handed_s) as hand:
+        spawned = hand.spawned
         bus = ["--drives", "kanguera", "--interface", spawned.interface, "--channel", spawned.channel]
         for command in commands(plan):
             say("\n$ drake-hand " + " ".join(command.tokens))
@@ -70,7 +75,9 @@ def morning(plan: Path, say: Callable[[str], None] = print) -> list[int]:
                 threading.Thread(target=_fail, args=(spawned,), daemon=True).start()
             agreed = [] if command.tokens[1] in ("off", "status") else ["--yes"]
             ended.append(run([*command.tokens, *bus, *agreed]))
-    return ended
+        outcome = hand.outcome()
+    say(f"\nin the end: {outcome}")
+    return ended, outcome
 
 
 def _fail(spawned: SpawnedDrives) -> None:
@@ -85,4 +92,4 @@ def _fail(spawned: SpawnedDrives) -> None:
 
 if __name__ == "__main__":
     wanted = [command.status for command in commands(Path(sys.argv[1]))]
-    sys.exit(morning(Path(sys.argv[1])) != wanted)
+    sys.exit(morning(Path(sys.argv[1]))[0] != wanted)

@@ -20,7 +20,6 @@ from drake_hand.cli.drives_twin import spawn_twin
 from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
-from drake_hand.epos.clock import OWN
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
 from drake_hand.epos.record import SUFFIX
@@ -161,7 +160,6 @@ def execute(
                     person=person,
                     hold=on_interrupt == "hold",
                     feel=None if empty or fingers or (simulate and not physics) else feel(found, played),
-                    clock=physical.clock if physical else OWN,
                     log=log,
                     progress=progress,
                 )

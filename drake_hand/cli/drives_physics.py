@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import sys
@@ -10,13 +11,14 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
 import msgspec
 import numpy as np
 
+from drake_hand.epos.bus import IN_STEP
 from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
@@ -31,7 +33,8 @@ from drake_hand.plans.trajectory import Trajectory
 MishapKind = Literal["object_taken", "cable_off"]
 DROPPED_MM = 30.0
 _SAMPLE_STEPS = 5
-_CHILD = "from drake_hand.cli.drives_physics import serve; serve()"
+_AGAIN_S = 0.5
+"""So far back in plan time is another run; where a pause ends it goes back by a step."""
 
 
 class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -42,8 +45,11 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     channel: str
     clock: str
     q: list[float]
+    zeroed: bool
+    handed_s: float | None
+    """Plan time at which a person brings the object; it is there from the start if not given."""
     seed: int | None
-    """Of what is not as planned: friction, mass, stiffness, start; None for nothing."""
+    """Of what is not as planned: friction, mass, stiffness; None for nothing."""
     record: str | None
 
 
@@ -95,7 +101,14 @@ class PhysicalHand:
 
 @contextmanager
 def spawn_physical_hand(
-    drives: Drives, plan: Path, q: np.ndarray, *, seed: int | None = None, record: Path | None = None
+    drives: Drives,
+    plan: Path,
+    q: np.ndarray,
+    *,
+    zeroed: bool = True,
+    handed_s: float | None = None,
+    seed: int | None = None,
+    record: Path | None = None,
 ) -> Iterator[PhysicalHand]:
     """Simulated drives whose motors move the hand of a plan in physics, its object where the plan starts.
 
@@ -103,6 +116,8 @@ def spawn_physical_hand(
         drives: read from a file, which the child reads too.
         plan: file.
         q: (n,) where the joints stand, rad.
+        zeroed: whether the drives' zeros are known.
+        handed_s: plan time at which a person brings the object, in each run again.
         seed: of what is not as planned; everything is as planned if not given.
         record: file for what happened (npz): plan time, object pose, joints, contact forces.
 
@@ -111,29 +126,34 @@ def spawn_physical_hand(
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "clock"
-        clock = SharedClock.create(file)
+        channel = free_channel()
+        clock = SharedClock.create(file, channel)
         setup = Setup(
             drives=str(drives.file),
             plan=str(plan),
-            channel=free_channel(),
+            channel=channel,
             clock=str(file),
             q=np.asarray(q, float).tolist(),
+            zeroed=zeroed,
+            handed_s=handed_s,
             seed=seed,
             record=str(record) if record else None,
         )
-        with child(["-c", _CHILD], setup, "physics") as process:
-            yield PhysicalHand(spawned=SpawnedDrives(channel=setup.channel, process=process), clock=clock)
+        with child(["-m", "drake_hand.cli.drives_physics"], setup, "physics") as process:
+            yield PhysicalHand(
+                spawned=SpawnedDrives(interface=IN_STEP, channel=str(file), process=process), clock=clock
+            )
 
 
-def serve() -> None:
+def _child() -> None:
     """Simulates until its input ends, then says what became of the object."""
     commands, setup = begin(Setup)
     stop = threading.Event()
     try:
         drives = Drives.load(setup.drives)
-        world = _World(drives, Plan.load(setup.plan), SharedClock(Path(setup.clock)), np.array(setup.q), setup.seed)
+        world = _World(setup, drives, Plan.load(setup.plan), SharedClock(Path(setup.clock)))
         with drives.bus.open("udp_multicast", setup.channel) as bus:
-            simulated = SimulatedDrives(bus, drives, q=np.array(setup.q))
+            simulated = SimulatedDrives(bus, drives, q=np.array(setup.q), zeroed=setup.zeroed)
             simulated.boot(0.0)
 
             def take(command: dict) -> None:
@@ -159,7 +179,7 @@ def serve() -> None:
 class _World:
     """Drake's plant, whose servos are the cables between motors and joints."""
 
-    def __init__(self, drives: Drives, plan: Plan, clock: SharedClock, q: np.ndarray, seed: int | None) -> None:
+    def __init__(self, setup: Setup, drives: Drives, plan: Plan, clock: SharedClock) -> None:
         from drake_hand.model.hand import Hand
         from drake_hand.model.object import Object
         from drake_hand.physics.deviation import main_axis
@@ -169,7 +189,10 @@ class _World:
 
         hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
         check_models(plan, hand, object_)
-        change = Perturbation() if seed is None else Perturbation.draw(np.random.default_rng(seed))
+        change = Perturbation()
+        if setup.seed is not None:  # the object begins where the plan has it: a person, or a fixture, brings it
+            drawn = Perturbation.draw(np.random.default_rng(setup.seed))
+            change = replace(drawn, shift_mm=change.shift_mm, turn_deg=change.turn_deg)
         self._trajectory = Trajectory(plan)
         first = self._trajectory.at(0.0)
         self.physics = Physics(
@@ -184,13 +207,17 @@ class _World:
         self._begin = self.physics.time
         self._columns = np.array([list(hand.joints).index(j) for j in drives.joints])
         self._q, self._v = first.q_command[0].copy(), np.zeros(hand.nq)
-        self._q[self._columns] = q
+        self._q[self._columns] = setup.q
+        self.physics.stand(self._q)
         self._stiffness, self._damping = hand.stiffness * change.stiffness, hand.damping
         self._windows, self._end = hold_windows(plan), plan.duration
         self._axis = main_axis(plan.task, first.X_WO[0], object_)
         self.clock = clock
         self.enabled = lambda: False
         self._free, self._steps, self._dropped = False, 0, False
+        self._plan, self._plan_time, self._handed_s = plan.hash, -math.inf, setup.handed_s
+        self._X_start, self._there = self.physics.X_WO, True
+        self._put_away()
         self._loose: list[int] = []
         self._mishaps: queue.SimpleQueue[Mishap] = queue.SimpleQueue()
         self._joints = hand.joints
@@ -208,7 +235,7 @@ class _World:
             self._q[self._loose], self._v[self._loose] = physics.q[self._loose], physics.v[self._loose]
         physics.command(self._q, self._v)
         physics.advance(self._begin + t)
-        plan_time = self.clock.plan_time
+        plan_time = self.clock.plan_time if self.clock.tells_of(self._plan) else math.nan
         if np.isfinite(plan_time) and plan_time >= 0 and self.enabled():
             self._watch(t, plan_time)
         torque = self._stiffness * (self._q - physics.q) + self._damping * (self._v - physics.v)
@@ -228,11 +255,35 @@ class _World:
         if mishap.kind == "cable_off":
             self._loose.append(self._joints.index(mishap.joint))
         else:
-            self.physics.take_away()
+            self.physics.take_back_at(self._away)
             self._dropped = True
 
+    @property
+    def _away(self) -> np.ndarray:
+        """(4, 4) where nothing touches the object."""
+        X_WO = self._X_start.copy()
+        X_WO[2, 3] -= 1.0
+        return X_WO
+
+    def _put_away(self) -> None:
+        """Before a person brings the object."""
+        if self._handed_s is not None:
+            self._there = self._free = False
+            self.physics.take_back_at(self._away)
+
+    def _begin_again(self) -> None:
+        """Another run of the plan."""
+        self._put_away()
+        self._dropped, self._steps, self._began, self._rows = False, 0, None, []
+
     def _watch(self, t: float, plan_time: float) -> None:
-        """Lets go of the object when the fingers hold it; notes what happens."""
+        """Brings the object, lets go of it when the fingers hold it; notes what happens."""
+        if plan_time < self._plan_time - _AGAIN_S:
+            self._begin_again()
+        self._plan_time = plan_time
+        if not self._there and self._handed_s is not None and plan_time >= self._handed_s - 1e-6:
+            self.physics.take_back_at(self._X_start)
+            self._there = True
         in_hand = plan_time > self._windows[-1][1] or any(a <= plan_time <= b for a, b in self._windows)
         if self._dropped:
             pass
@@ -276,3 +327,7 @@ class _World:
         """Writes what happened, a row each 5 ms."""
         plan_time, X_WO, q, f_W = (np.array(column) for column in zip(*self._rows, strict=True))
         np.savez_compressed(file, plan_time=plan_time, X_WO=X_WO, q=q, f_W=f_W)
+
+
+if __name__ == "__main__":
+    _child()

@@ -36,7 +36,6 @@ FAR_MM = 10.0
 _PERIOD_S = 0.02
 _MOST_S = 0.1
 """Followed at once, at most: what a busy computer missed is not made up for."""
-_CHILD = "from drake_hand.cli.drives_twin import serve; serve()"
 
 
 class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -56,7 +55,7 @@ def spawn_twin(drives: Drives, plan: str, interface: str | None, channel: str | 
         DriveError: it did not get ready.
     """
     setup = Setup(drives=str(drives.file), plan=plan, interface=interface, channel=channel)
-    with child(["-c", _CHILD], setup, "the twin") as process:
+    with child(["-m", "drake_hand.cli.drives_twin"], setup, "the twin") as process:
         out = process.stdout
         assert out is not None
 
@@ -72,7 +71,7 @@ def spawn_twin(drives: Drives, plan: str, interface: str | None, channel: str | 
         reader.join()
 
 
-def serve() -> None:
+def _child() -> None:
     """Follows until its input ends."""
     commands, setup = begin(Setup)
     over = threading.Event()
@@ -195,3 +194,7 @@ class Twin:
         for what in found.keys() - self._said:
             yield f"{found[what]} ({self._where.words})"
         self._said = set(found)
+
+
+if __name__ == "__main__":
+    _child()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import time
+from pathlib import Path
 from typing import Annotated, Any
 
 import can
@@ -12,10 +13,12 @@ import msgspec
 from can.interfaces.udp_multicast import UdpMulticastBus
 from msgspec import Meta
 
+from drake_hand.epos.clock import SharedClock
 from drake_hand.errors import InputError
 
 UDP_GROUP, UDP_PORT = "239.74.163.2", 43113
 """Where python-can's udp_multicast meets by default."""
+IN_STEP = "in_step"
 _SAME_CLOCK_S = 5.0
 _UDP_BUFFER = 4 << 20
 _CHANNELS = {"udp_multicast": UDP_GROUP, "virtual": "drake-hand"}
@@ -49,7 +52,7 @@ class BusSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
         place = channel or (self.channel if name == self.interface else _CHANNELS.get(name))
         if place is None:
             raise InputError(f"interface '{name}' needs a channel", key="channel", expected="--channel C")
-        if name == "virtual":
+        if name in ("virtual", IN_STEP):
             return {"interface": name, "channel": place}
         if name != "udp_multicast":
             return {"interface": name, "channel": place, "bitrate": self.bitrate}
@@ -59,7 +62,15 @@ class BusSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
         return {"interface": name, "channel": group, "port": int(port or UDP_PORT), "hop_limit": 0}
 
     def open(self, interface: str | None = None, channel: str | None = None) -> can.BusABC:
-        """Opens it; the caller shuts it down. Arguments and errors as :meth:`arguments`, and what `can.Bus` raises."""
+        """Opens it; the caller shuts it down. Arguments and errors as :meth:`arguments`, and what `can.Bus` raises.
+
+        The interface ``in_step`` is that of drives in physics: its channel is the file of the clock they go by.
+        """
+        if interface == IN_STEP:
+            clock = SharedClock(Path(self.arguments(interface, channel)["channel"]))
+            bus = self.open("udp_multicast", clock.channel)
+            bus.clock = clock  # type: ignore[attr-defined]
+            return bus
         bus = can.Bus(**self.arguments(interface, channel))
         if isinstance(bus, UdpMulticastBus):
             # the usual buffer holds 256 frames, which a busy machine leaves unread in 0.1 s

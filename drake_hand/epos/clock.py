@@ -14,8 +14,8 @@ from typing import Protocol
 
 import can
 
-_VALUES = struct.Struct("<ddd")
-_NOW, _PLAN_TIME, _DUE = 0, 8, 16
+_VALUES = struct.Struct("<ddd8s")
+_NOW, _PLAN_TIME, _DUE, _PLAN = 0, 8, 16, 24
 _MISSED_S = 0.05
 """Of the computer's time, after which a ring of the bell that was missed is made up for."""
 
@@ -34,8 +34,8 @@ class Clock(Protocol):
     def receive(self, bus: can.BusABC, seconds: float) -> can.Message | None:
         """The next frame, waited for so long at most."""
 
-    def tell(self, plan_time: float) -> None:
-        """Lets the other end know where in the plan the motion is; NaN when it is in none."""
+    def tell(self, plan: str, plan_time: float) -> None:
+        """Lets the other end know where in a plan, known by its hash, the motion is."""
 
 
 class OwnClock:
@@ -51,11 +51,16 @@ class OwnClock:
         """The next frame, waited for so long at most."""
         return bus.recv(seconds)
 
-    def tell(self, plan_time: float) -> None:
+    def tell(self, plan: str, plan_time: float) -> None:
         """Nobody listens."""
 
 
 OWN = OwnClock()
+
+
+def clock_of(bus: can.BusABC) -> Clock:
+    """The clock of a bus: its own where it has one (see `BusSpec.open`), or the computer's."""
+    return getattr(bus, "clock", OWN)
 
 
 class SharedClock:
@@ -70,12 +75,14 @@ class SharedClock:
     def __init__(self, file: Path) -> None:
         with file.open("r+b") as f:
             self._map = mmap.mmap(f.fileno(), _VALUES.size)
+            self.channel = f.read()[_VALUES.size :].decode()
+            """Of ``udp_multicast``: the bus that goes by it."""
         self._bell = os.open(_bell(file), os.O_RDWR | os.O_NONBLOCK)
 
     @classmethod
-    def create(cls, file: Path) -> SharedClock:
-        """Makes the file and begins at 0."""
-        file.write_bytes(_VALUES.pack(0.0, math.nan, math.inf))
+    def create(cls, file: Path, channel: str = "") -> SharedClock:
+        """Makes the file, of the bus on a channel of ``udp_multicast``, and begins at 0."""
+        file.write_bytes(_VALUES.pack(0.0, math.nan, math.inf, b"") + channel.encode())
         os.mkfifo(_bell(file))
         return cls(file)
 
@@ -110,9 +117,14 @@ class SharedClock:
             with suppress(BlockingIOError):
                 os.write(self._bell, b"!")
 
-    def tell(self, plan_time: float) -> None:
-        """Lets the other end know where in the plan the motion is; NaN when it is in none."""
+    def tell(self, plan: str, plan_time: float) -> None:
+        """Lets the other end know where in a plan, known by its hash, the motion is."""
+        struct.pack_into("8s", self._map, _PLAN, plan[:8].encode())
         self._put(_PLAN_TIME, plan_time)
+
+    def tells_of(self, plan: str) -> bool:
+        """Whether what was told last is about this plan, by its hash."""
+        return struct.unpack_from("8s", self._map, _PLAN)[0] == plan[:8].encode()
 
     @property
     def plan_time(self) -> float:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import can
@@ -17,7 +18,6 @@ import numpy as np
 
 from drake_hand import __version__
 from drake_hand.epos import discovery
-from drake_hand.epos.clock import OWN, Clock
 from drake_hand.epos.configure import configure, release
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.grip import Grip
@@ -104,7 +104,6 @@ def execute(
     problems: Sequence[str] = (),
     person: Person = AGREES,
     hold: bool = False,
-    clock: Clock = OWN,
     feel: Callable[[Schedule], Grip] | None = None,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
@@ -122,7 +121,6 @@ def execute(
         excerpt: what of the plan is played.
         problems: what is known to be wrong already, one line each.
         person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
-        clock: of the bus, where simulated drives share one.
         feel: makes what judges the fingers' grip, where an object is, or will be, in the hand.
         hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
@@ -131,7 +129,7 @@ def execute(
     Raises:
         Refused: something is not as it has to be, or the person does not agree; no drive was enabled.
     """
-    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3, clock=clock) as master:
+    with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
         progress(Progress(stage="looking for drives"))
         schedule = check(master, plan, drives, excerpt, problems)
         if not person.agrees(schedule):
@@ -146,7 +144,9 @@ def execute(
             if found:
                 raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
-            player = Player(schedule, master.send, master.clock.tell, feel(schedule) if feel else None)
+            player = Player(
+                schedule, master.send, partial(master.clock.tell, plan.hash), feel(schedule) if feel else None
+            )
             run = _play(master, plan, player, str(bus.channel_info), person, hold, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves

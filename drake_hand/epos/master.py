@@ -22,7 +22,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from drake_hand.epos import realtime
-from drake_hand.epos.clock import OWN, Clock
+from drake_hand.epos.clock import clock_of
 from drake_hand.epos.drives import BusSpec
 from drake_hand.epos.objects import DEVICE_TYPE, Obj, abort_words
 from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE, MASTER_NODE, NMT_COB, SDO_RX_BASE, SDO_TX_BASE
@@ -32,6 +32,8 @@ NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0x01, 0x80
 """NMT commands."""
 HEARTBEAT_OPERATIONAL = 0x05
 SDO_TIMEOUT_S, SDO_TRIES = 0.3, 2
+_SLOW_SDO_TIMEOUT_S = 5.0
+"""Of drives that go by a clock of their own: as slow as the physics they move."""
 _SCAN_S, _QUIET_S, _SCAN_BURST = 1.0, 0.3, 8
 _CLOSE_S = 2.0
 """Time the bus thread is given to end; one that hangs in its interface is left to die with the process."""
@@ -120,10 +122,9 @@ class Master:
         bus: open; stays the caller's to shut down.
         heartbeat_s: period of the master's own heartbeat; none if not given. Whoever keeps one has a quiet interpreter:
             drives that watch it stop when something else in this process holds it up.
-        clock: of SYNC, heartbeats and everything that waits for them.
     """
 
-    def __init__(self, bus: can.BusABC, *, heartbeat_s: float | None = None, clock: Clock = OWN) -> None:
+    def __init__(self, bus: can.BusABC, *, heartbeat_s: float | None = None) -> None:
         self.network = canopen.Network(bus)
         self.heard: dict[int, tuple[float, int]] = {}
         """Last heartbeat of each node: when, and its NMT state."""
@@ -134,8 +135,9 @@ class Master:
         self._clients: dict[int, canopen.sdo.SdoClient] = {}
         self._cyclic: Cyclic | None = None
         self._period = self._next_sync = 0.0
-        self.clock = clock
-        self._next_heartbeat = clock.now()
+        self.clock = clock_of(bus)
+        """Of SYNC, heartbeats and everything that waits for them."""
+        self._next_heartbeat = self.clock.now()
         self._closing = threading.Event()
         self._quiet = contextlib.ExitStack()
         self._thread = threading.Thread(target=self._run, name="can-bus", daemon=True)
@@ -195,7 +197,8 @@ class Master:
     def _client(self, node: int) -> canopen.sdo.SdoClient:
         if node not in self._clients:
             remote = canopen.RemoteNode(node, canopen.ObjectDictionary())
-            remote.sdo.RESPONSE_TIMEOUT, remote.sdo.MAX_RETRIES = SDO_TIMEOUT_S, SDO_TRIES
+            remote.sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S if self.clock.real else _SLOW_SDO_TIMEOUT_S
+            remote.sdo.MAX_RETRIES = SDO_TRIES
             self.network.add_node(remote)
             self._clients[node] = remote.sdo
         return self._clients[node]

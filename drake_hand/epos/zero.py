@@ -150,7 +150,7 @@ def _home(master: Master, drive: Drive, method: int, *, home: int, turn: float, 
         begin, far = master.read(node, od.POSITION_ACTUAL), 0
         for word in (*_LADDER, Control.ENABLE_RUN):
             master.write(node, od.CONTROLWORD, word)
-        end = time.monotonic() + within_s
+        end = master.clock.now() + within_s
         while True:
             status = master.read(node, od.STATUSWORD)
             _check(master, drive, status)
@@ -161,7 +161,7 @@ def _home(master: Master, drive: Drive, method: int, *, home: int, turn: float, 
                 far = max(far, abs(position - begin))
             if turn and far > turn:
                 raise DriveError(f"{drive.joint} (node {node}): turned beyond its range, met no stop: cable off?")
-            if time.monotonic() > end:
+            if master.clock.now() > end:
                 raise DriveError(f"{drive.joint} (node {node}): homing does not end: {status_words(status, kind)}")
             time.sleep(_STEP_S)
         master.write(node, od.CONTROLWORD, Control.DISABLE_VOLTAGE)

@@ -146,7 +146,7 @@ class Physics:
         self._context = plant.GetMyMutableContextFromRoot(root)
         self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
         self._rates = np.array([plant.GetJointByName(n).velocity_start() for n in hand.joints])
-        self._set_hand(commands.value(commands.start_time())[:, 0])
+        self.stand(commands.value(commands.start_time())[:, 0])
         plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
         (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
         self._fixture.Lock(self._context)
@@ -159,11 +159,10 @@ class Physics:
         """Has the fixture hold the object again, where it is."""
         self._fixture.Lock(self._context)
 
-    def take_away(self) -> None:
-        """Takes the object out of the hand, a metre below it, and holds it there."""
-        X_WO = self.plant.EvalBodyPoseInWorld(self._context, self._object)
+    def take_back_at(self, X_WO: np.ndarray) -> None:
+        """Has the fixture hold the object somewhere else, at (4, 4): out of the hand, say, or in it again."""
         self._fixture.Unlock(self._context)
-        self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO.translation() - [0.0, 0.0, 1.0]))
+        self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO))
         self._fixture.Lock(self._context)
 
     def command(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -254,7 +253,8 @@ class Physics:
     def _name(self, geometry: GeometryId) -> str:
         return self.plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry)).name()
 
-    def _set_hand(self, q: np.ndarray) -> None:
+    def stand(self, q: np.ndarray) -> None:
+        """Puts the hand into a posture (nq,), rad, as it is."""
         positions = self.plant.GetPositions(self._context)
         for name, value in joint_values(self.hand, q).items():
             positions[self.plant.GetJointByName(name).position_start()] = value

@@ -69,7 +69,7 @@ def stopped_by(file, mishap: Mishap, at_s: float) -> tuple[str, float]:
             when.append(hand.clock.plan_time)
 
         threading.Thread(target=act, daemon=True).start()
-        run = execute(plan, drives, bus, clock=hand.clock, feel=feel(plan, drives))
+        run = execute(plan, drives, bus, feel=feel(plan, drives))
     assert not run.record.header.not_disabled
     (fault,) = run.record.header.faults
     assert fault.kind == "grip"

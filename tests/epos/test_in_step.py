@@ -41,6 +41,7 @@ def in_step(drives, world, tmp_path):
     clock, stop = SharedClock.create(tmp_path / "clock"), threading.Event()
     bus, channel = drives.bus, free_channel()
     with bus.open("udp_multicast", channel) as ours, bus.open("udp_multicast", channel) as theirs:
+        ours.clock = clock
         sim = SimulatedDrives(theirs, drives)
         sim.boot(0.0)
         thread = threading.Thread(target=serve_in_step, args=(sim, theirs, clock, world, stop))
@@ -59,10 +60,13 @@ def test_however_slow_the_world_is_no_sync_is_late(slow_s, tmp_path):
     drives, world = drives_of("mix"), Springs(slow_s=slow_s)
     with in_step(drives, world, tmp_path) as (bus, sim, clock):
         begun, at = time.monotonic(), clock.now()
-        answer = execute(swing(drives.joints, 0.6), drives, bus, clock=clock).answer()
+        plan = swing(drives.joints, 0.6)
+        answer = execute(plan, drives, bus).answer()
         took, passed = time.monotonic() - begun, clock.now() - at
         assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
         assert clock.plan_time == pytest.approx(0.6)
+        assert clock.tells_of(plan.hash)
+        assert not clock.tells_of("another")
     assert (answer["ok"], answer["faults"], answer["start_skew_syncs"]) == (True, [], 0)
     assert answer["sync_late_ms"]["max"] < 1.01
     assert took > passed * (0.99 if not slow_s else 4.0)
@@ -73,7 +77,7 @@ def test_the_clock_waits_for_a_master_that_is_held_up(tmp_path):
     """0.2 s of the computer's time, twenty periods: not one SYNC is missed by it."""
     drives, world = drives_of("epos4"), Springs()
 
-    with in_step(drives, world, tmp_path) as (bus, _, clock):
+    with in_step(drives, world, tmp_path) as (bus, _, _clock):
         send, count = bus.send, [0]
 
         def slowly(message, timeout=None):
@@ -84,7 +88,7 @@ def test_the_clock_waits_for_a_master_that_is_held_up(tmp_path):
             send(message, timeout)
 
         bus.send = slowly
-        answer = execute(swing(drives.joints, 0.6), drives, bus, clock=clock).answer()
+        answer = execute(swing(drives.joints, 0.6), drives, bus).answer()
     assert (answer["ok"], answer["faults"]) == (True, [])
     assert count[0] > 40
 
@@ -106,10 +110,12 @@ def test_what_pushes_a_joint_is_held_and_shows_as_current(tmp_path):
     with in_step(drives, world, tmp_path) as (bus, sim, clock):
         person = Looks()
         excerpt = Excerpt(pauses_s=(0.4,))
-        run = execute(swing(drives.joints, 0.8, swings=2), drives, bus, clock=clock, person=person, excerpt=excerpt)
+        run = execute(swing(drives.joints, 0.8, swings=2), drives, bus, person=person, excerpt=excerpt)
+        gave_way = sim.q
     assert run.ok
     assert person.current == pytest.approx(np.full(15, -0.05 / 34 / 19.7e-3 * 1e3), rel=0.02)
-    assert np.abs(run.record.error_deg[-1]).max() < 0.34  # two counts, though the push is still there
+    assert np.abs(run.record.error_deg[run.record.playing][-1]).max() < 0.34  # two counts, though the push is there
+    assert np.abs(gave_way - run.record.measured[run.record.playing][-1]).min() > np.radians(1.0)  # without power
 
 
 def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
@@ -117,13 +123,13 @@ def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(in_step_module, "GONE_LOOKS", 30)
     drives, world = drives_of("epos2"), Springs()
 
-    with in_step(drives, world, tmp_path) as (bus, sim, clock):
+    with in_step(drives, world, tmp_path) as (bus, sim, _clock):
 
         def die(progress):
             if progress.stage == "playing":
                 bus.send = lambda *_, **__: (_ for _ in ()).throw(can.CanOperationError("gone"))
 
-        answer = execute(swing(drives.joints, 3.0), drives, bus, clock=clock, progress=die).answer()
+        answer = execute(swing(drives.joints, 3.0), drives, bus, progress=die).answer()
         end = time.monotonic() + 5
         while State.OPERATION_ENABLED in sim.states.values() and time.monotonic() < end:
             time.sleep(0.05)

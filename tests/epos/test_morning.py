@@ -17,10 +17,14 @@ def test_a_morning_with_the_hand(tmp_path, capsys):
 
     file = tmp_path / "carry.plan.json"
     plan("carry").save(file)
-    ended = morning(file)
+    ended, outcome = morning(file)
     out, err = capsys.readouterr()
     assert ended == [command.status for command in commands(file)]
     assert err.count("its zero is not known") == 15
+    assert not outcome.dropped  # in the last run; after the fault it fell
+    assert outcome.position_error_mm < 1.0
+    assert outcome.tilt_error_deg < 3.0
+    assert outcome.rotation_error_deg < 8.0
     assert "the zeros of 15 drives are known" in out
     assert "ring_pip (node 6): EMCY 0x2310 over-current" in out
     assert "15 of 15 drives are off" in out

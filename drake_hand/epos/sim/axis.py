@@ -212,7 +212,7 @@ class Axis:
 
     def advance(self, dt: float) -> None:
         """Lets dt seconds pass, in steps of at most `STEP_S`."""
-        if not self.powered and self.motor.still:
+        if not self.powered and self.motor.still and not self.motor.load:
             self.motor.velocity = self.motor.current_ma = 0.0
             return
         steps = max(1, math.ceil(dt / STEP_S - 1e-6))

@@ -22,6 +22,9 @@ MAX_ACCELERATION_RAD_S2 = 40_000.0
 INERTIA, TORQUE_CONSTANT = 1.0e-7, 19.7e-3
 INTEGRAL_S = 0.01
 """Time in which the servo's integral part takes over a load."""
+FRICTION = 0.6e-3
+"""Load [Nm] that the unpowered motor and its gear withstand: fingers that weigh 13 mNm stay, those that press give way.
+An assumption."""
 COAST_S = 0.02
 """Time constant with which the unpowered motor slows down."""
 
@@ -51,6 +54,7 @@ class Motor:
         self.stops = (-math.inf, math.inf)
         """Where the joint's mechanical stops are, counts on that scale."""
         self._turn = counts_per_turn
+        self._friction = FRICTION / INERTIA * counts_per_turn / (2 * math.pi)
         self._limit = MAX_ACCELERATION_RAD_S2 * counts_per_turn / (2 * math.pi)
 
     @property
@@ -73,7 +77,8 @@ class Motor:
             acceleration = drive + self.load
         else:
             drive = self._held = 0.0
-            acceleration = -self.velocity / COAST_S
+            held = min(abs(self.load), self._friction)
+            acceleration = self.load - math.copysign(held, self.load) - self.velocity / COAST_S
         self.current_ma = 1e3 * INERTIA / TORQUE_CONSTANT * drive * 2 * math.pi / self._turn
         if self.stuck:
             self.velocity = 0.0

@@ -54,10 +54,9 @@ class SpawnedDrives:
     """A child process of simulated drives, ready."""
 
     channel: str
-    """Of ``udp_multicast``, with its port: what ``--channel`` takes."""
+    """What ``--channel`` takes."""
     process: subprocess.Popen
-
-    interface = "udp_multicast"
+    interface: str = "udp_multicast"
 
     def open_bus(self) -> can.BusABC:
         """Opens a bus to them; the caller shuts it down."""
