@@ -13,7 +13,6 @@ CALLED_FROM_OUTSIDE = {"drake_hand.cli.main": "the console script in pyproject.t
 """Name and who calls it."""
 FOR_NOW = {
     "drake_hand.contact.kinematics.SubmodelKinematics.accelerations",
-    "drake_hand.contact.kinematics.relative_angles",
     "drake_hand.epos.pdo.Pdo.communication_index",
     "drake_hand.epos.sim.process.SpawnedDrives.open_bus",
     "drake_hand.epos.sim.timeline.read_timeline",
