@@ -19,6 +19,7 @@ TYPES = {
     "Physics": "of a task file; of a simulation",
     "Pose": "of a task file; a hand's, in the mirror",
     "Progress": "of the search; of a run on drives",
+    "Push": "a step of a task; a push of the object in a run",
     "Record": "a run in physics as it happened; an entry of a PVT queue",
     "Run": "of the planner; in physics; on drives",
     "Schedule": "of positions, for drives; of faults, for simulated ones",
@@ -42,6 +43,7 @@ FUNCTIONS = {
     "replay": "a plan in physics; a log on the mirror",
     "reset_faults": "of drives, and its command's part",
     "resolve": "a name of a file; a fault's time",
+    "serve": "simulated drives on a bus; physics, in processes of two commands",
     "straight": "kernels and their front",
     "switches": "of the automaton; of a plan's excerpts",
 }
