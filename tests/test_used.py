@@ -67,7 +67,7 @@ class Module:
         self.texts |= {
             name for text in texts for name in re.findall(r"^from drake_hand\S* import (\w+); \1\(\)$", text)
         }
-        """Names by which others find what they call: ``module:name``, tables of lazy imports, code of a child process."""
+        """Names by which others find what they call: ``module:name``, lazy imports, code of a child process."""
         self.imported: dict[str, str] = {}
         """``module.name`` (of a module, too) and what it is called here."""
         for node in nodes:
