@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from drake_hand import api
-from drake_hand.cli.bench import turned
+from drake_hand.cli.bench import spin_by
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -138,7 +138,7 @@ def bases(good: int) -> list[Plan]:
     for seed in range(good):
         name = ("paper", "spin")[seed % 2]
         angle = 6.0 + 3.0 * (seed // 2 % 4)
-        plans.append(api.plan(turned(Task.load(name), angle), seed=seed // 8))
+        plans.append(api.plan(spin_by(Task.load(name), angle), seed=seed // 8))
     return plans
 
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parent))
-from fault_table import drives_of
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "epos"))
+from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos.drives import SUFFIX, Drives

@@ -81,3 +81,16 @@ def test_top_level_names_resolve() -> None:
     assert dir(drake_hand) == sorted([*drake_hand.__all__, "__version__"])
     with pytest.raises(AttributeError, match="no attribute 'Nope'"):
         drake_hand.Nope  # noqa: B018
+
+
+def test_tests_import_nothing_from_benchmarks() -> None:
+    """Benchmarks may lean on tests, whose helpers are checked whenever they run; never the other way round."""
+    checkout = Path(__file__).parents[1]
+    benchmarks = {file.stem for file in (checkout / "benchmarks").glob("*.py")}
+    assert benchmarks
+    for file in sorted((checkout / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            found = benchmarks & {name.split(".")[0] for name in names} - {f.stem for f in file.parent.glob("*.py")}
+            assert not found, f"{file.relative_to(checkout)}: imports {sorted(found)} from benchmarks"

@@ -1,6 +1,7 @@
 """Nothing public in drake_hand is there for tests alone: every function, class and method has a use in the package."""
 
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,6 @@ CALLED_FROM_OUTSIDE = {"drake_hand.cli.main": "the console script in pyproject.t
 """Name and who calls it."""
 FOR_NOW = {
     "drake_hand.contact.kinematics.SubmodelKinematics.accelerations",
-    "drake_hand.contact.kinematics.relative_angles",
     "drake_hand.epos.pdo.Pdo.communication_index",
     "drake_hand.epos.sim.process.SpawnedDrives.open_bus",
     "drake_hand.epos.sim.timeline.read_timeline",
@@ -62,9 +62,12 @@ class Module:
         self.name = ".".join(("drake_hand", *(parts[:-1] if parts[-1] == "__init__" else parts)))
         nodes = list(ast.walk(tree))
         self.names, self.attributes = mentions(nodes)
-        texts = (n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str))
+        texts = [n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)]
         self.texts = {text.split(":")[-1].split(".")[-1] for text in texts if len(text) < 80}
-        """Names by which a library finds what it calls: ``module:name``, tables of lazy imports."""
+        self.texts |= {
+            name for text in texts for name in re.findall(r"^from drake_hand\S* import (\w+); \1\(\)$", text)
+        }
+        """Names by which others find what they call: ``module:name``, lazy imports, code of a child process."""
         self.imported: dict[str, str] = {}
         """``module.name`` (of a module, too) and what it is called here."""
         for node in nodes:

@@ -1,6 +1,7 @@
 """The built wheel, in an empty environment and away from the checkout, plans a bundled task."""
 
 import json
+import re
 import subprocess
 import sys
 import sysconfig
@@ -51,3 +52,14 @@ def test_wheel_plans_checks_and_shows_a_bundled_task(bin_dir, tmp_path):
     assert json.loads(run(bin_dir, tmp_path, "drake-hand", "check", "carry.plan.json", "--json"))["certified"]
     run(bin_dir, tmp_path, "drake-hand", "show", "carry.plan.json", "--html", "carry.html")
     assert "dh-data" in (tmp_path / "carry.html").read_text()
+
+
+def test_links_of_its_page_lead_somewhere(bin_dir):
+    """PyPI shows the README away from the repository, where relative links and pictures lead nowhere."""
+    (metadata,) = bin_dir.parent.glob("lib/python*/site-packages/drake_hand-*.dist-info/METADATA")
+    text = metadata.read_text()
+    assert "Description-Content-Type: text/markdown" in text
+    page = text.partition("\n\n")[2]
+    assert "docs/physics.md" in (CHECKOUT / "README.md").read_text()
+    assert "hardware.md is the full procedure" in page
+    assert [link for link in re.findall(r"\]\(([^)]*)\)", page) if not link.startswith(("https:", "#"))] == []

@@ -33,7 +33,7 @@ COMMANDS = {
 """Name: (where it is, its line in ``drake-hand --help``)."""
 
 
-def build(tokens: Sequence[str]) -> App:
+def build_app(tokens: Sequence[str]) -> App:
     """The app for these tokens: a command that is named shows its own docstring, the others the line of the table."""
     app = App(
         name="drake-hand",
@@ -58,7 +58,7 @@ def run(tokens: Sequence[str]) -> int:
         found = sys.getfilesystemencoding()
         return report_error(InputError(f"Drake needs UTF-8, this locale is {found}; set LC_ALL=C.UTF-8"), as_json)
     try:
-        result = build(tokens)(list(tokens), exit_on_error=False, print_error=False, result_action="return_value")
+        result = build_app(tokens)(list(tokens), exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except DrakeHandError as e:

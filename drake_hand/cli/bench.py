@@ -133,15 +133,15 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     def plan_s(task: Task) -> float:
         return api.solve(task, seed=seed).plan_s
 
-    plan_s(turned(spin, 10.0))  # imports and compiled code are not planning time
-    yield "spin90_s", [plan_s(turned(spin, 90.0)) for _ in range(runs)]
-    full = [api.solve(turned(spin, 360.0), seed=seed) for _ in range(runs)]
+    plan_s(spin_by(spin, 10.0))  # imports and compiled code are not planning time
+    yield "spin90_s", [plan_s(spin_by(spin, 90.0)) for _ in range(runs)]
+    full = [api.solve(spin_by(spin, 360.0), seed=seed) for _ in range(runs)]
     yield "spin360_s", [r.plan_s for r in full]
     yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
     yield "equilibrium_us", [1e6 * r.tally.seconds / r.tally.sets for r in full]
     yield "equilibrium_share", [r.tally.seconds / r.plan_s for r in full]
     one = median(r.plan_s for r in full)
-    yield "turns10_over_1", [plan_s(turned(spin, 3600.0)) / one]
+    yield "turns10_over_1", [plan_s(spin_by(spin, 3600.0)) / one]
 
 
 def _fingers(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
@@ -151,7 +151,7 @@ def _fingers(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     kinematic = msgspec.structs.replace(spin.options, hold="kinematic")  # three fingers do not hold it everywhere
 
     def plan_s(*names: str) -> float:
-        task = turned(spin, 360.0, fingers=list(names))
+        task = spin_by(spin, 360.0, fingers=list(names))
         return api.solve(msgspec.structs.replace(task, options=kinematic), seed=seed).plan_s
 
     three = ("thumb", "index", "middle")
@@ -162,7 +162,7 @@ def _certificate(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand import api
     from drake_hand.verify.all_pairs import certificate_samples
 
-    plan = api.plan(turned(Task.load("spin"), 360.0), seed=seed)
+    plan = api.plan(spin_by(Task.load("spin"), 360.0), seed=seed)
     yield from certificate_samples(plan, repeats=runs).items()
 
 
@@ -170,11 +170,11 @@ def _physics(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand import api
     from drake_hand.physics.runs import simulate
 
-    plan = api.plan(turned(Task.load("spin"), 90.0), seed=seed)
+    plan = api.plan(spin_by(Task.load("spin"), 90.0), seed=seed)
     yield "realtime_factor", [simulate(plan, perturb=False).realtime_factor for _ in range(runs)]
 
 
-def turned(task: Task, angle_deg: float, *, fingers: list[str] | None = None) -> Task:
+def spin_by(task: Task, angle_deg: float, *, fingers: list[str] | None = None) -> Task:
     """A spin task with another angle, and perhaps other fingers."""
 
     def change(step: Step) -> Step:

@@ -60,7 +60,7 @@ def export(
 
 def _to_mujoco(file: Path, output: Path, json: bool) -> int:
     try:
-        from drake_hand.physics.mujoco_export import export as exported
+        from drake_hand.physics.mujoco_export import export_mujoco as exported
         from drake_hand.physics.mujoco_export import write
     except ImportError as e:
         expected = "pip install 'drake_hand[mujoco]'"

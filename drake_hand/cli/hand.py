@@ -36,14 +36,14 @@ def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
     """
     if png:
         require_folder(png)
-    from drake_hand.model.check import check as examine
-    from drake_hand.model.check import load
+    from drake_hand.model.check import check_hand as examine
+    from drake_hand.model.check import load_hand
 
     report = examine(hand)
     if png:
         from drake_hand.view.hand_picture import draw_hand
 
-        write_atomic(png, draw_hand(load(hand)[0]))
+        write_atomic(png, draw_hand(load_hand(hand)[0]))
     status = 1 if report.problems else 0
     if json:
         print_json({"status": "problems" if status else "ok", **dataclasses.asdict(report)})
@@ -88,7 +88,7 @@ def init(urdf: Path, /, *, output: Output, json: bool = False) -> int:
         output: the hand file to write, *.hand.yaml.
         json: print one JSON object on stdout.
     """
-    from drake_hand.model.check import init as write_proposal
+    from drake_hand.model.check import write_proposal as write_proposal
 
     proposal = write_proposal(urdf, output)
     if json:
@@ -111,7 +111,7 @@ def convert(urdf: Path, /, *, output: Output, json: bool = False) -> int:
         output: a folder other than the model's.
         json: print one JSON object on stdout.
     """
-    from drake_hand.model.readable import convert as write_readable
+    from drake_hand.model.readable import write_readable as write_readable
 
     report = write_readable(urdf, output)
     if json:

@@ -129,12 +129,12 @@ def _reporting(poses: Iterator[Pose], joints: tuple[str, ...], where: Whereabout
             if pose.t - said >= _LINE_S:
                 said = pose.t
                 place = where.words if where else f"{pose.t - begun:.1f} s"
-                words = f"{place}; {describe(pose, joints)}"
+                words = f"{place}; {describe_pose(pose, joints)}"
                 status.update(words)
             yield pose, words
 
 
-def describe(pose: Pose, joints: tuple[str, ...]) -> str:
+def describe_pose(pose: Pose, joints: tuple[str, ...]) -> str:
     """One line: how many drives are heard, the largest error, who is in fault."""
     heard = int(np.isfinite(pose.measured).sum())
     words = [f"{heard} of {len(joints)} joints heard"]

@@ -70,7 +70,7 @@ def present(page: str, name: str, html: Path | None) -> None:
         write_atomic(html, page)
         print(f"wrote {html}")
         return
-    from drake_hand.view.show import serve
+    from drake_hand.view.show import serve_page
 
     def announce(url: str) -> None:
         print(f"{name} is at {url} (Ctrl-C ends)", flush=True)
@@ -79,4 +79,4 @@ def present(page: str, name: str, html: Path | None) -> None:
             there = f"{os.environ.get('USER', 'you')}@{socket.gethostname()}"
             print(f"from your own machine: ssh -L {port}:localhost:{port} {there}, then open {url} there", flush=True)
 
-    serve(page, announce)
+    serve_page(page, announce)

@@ -40,7 +40,7 @@ def sweep(
         json: print one JSON object on stdout.
     """
     from drake_hand.sweep import dataset, report
-    from drake_hand.sweep.run import run
+    from drake_hand.sweep.run import run_sweep
     from drake_hand.sweep.spec import SUFFIX, load_cases
     from drake_hand.sweep.store import Store
 
@@ -54,13 +54,13 @@ def sweep(
         known = sum(i in store.rows for i in ids)
         try:
             with progress_display(quiet=json) as progress:
-                run(cases, store, scheduler=scheduler, progress=progress)
+                run_sweep(cases, store, scheduler=scheduler, progress=progress)
         finally:
             results = store.write_table(ids)
         grouped = report.groups(cases, store.rows)
-        files = [results, *report.plot(grouped, output)]
+        files = [results, *report.plot_groups(grouped, output)]
         if export:
-            files += dataset.export(store, ids, export)
+            files += dataset.write_dataset(store, ids, export)
         certified = sum(store.rows[i].status == "certified" for i in ids)
     if json:
         print_json(

@@ -47,9 +47,9 @@ def print_certificate(certificate: Certificate, subject: Plan, *, everything: bo
 
 def print_figures(certificate: Certificate, *, everything: bool) -> None:
     """Prints the figures of a certificate: value, limit, how much of what is allowed is left, and where."""
-    from drake_hand.plans.words import lines
+    from drake_hand.plans.words import figure_lines
 
-    shown = lines(certificate, everything=everything)
+    shown = figure_lines(certificate, everything=everything)
     rest = len(certificate.worst) - len(shown)
     print_table(
         f"Worst of {certificate.samples} samples" + (f"; {rest} more figures with --all" if rest else ""),

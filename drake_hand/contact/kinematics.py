@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
 from drake_hand.contact.rolling import Model
@@ -186,26 +185,6 @@ def slip_velocity(
     """
     now = _Instant(SubmodelKinematics(finger, surface, Submodel.ROLL), q, motion)
     return np.einsum("nij,nj->ni", now.constraint, v) - now.demand
-
-
-def relative_angles(R_OT: np.ndarray, R_OT0: np.ndarray, nhat_O: np.ndarray, surface: Surface) -> np.ndarray:
-    """How far the tip has turned on the object since contact was made: the paper's xi1 and xi2, and the spin.
-
-    The paper's contact joint is a Kardan joint about the two tangents, which leaves out the spin about the normal. A
-    finger of three joints cannot choose its spin, so that the joint is spherical and the spin an output as well.
-
-    Args:
-        R_OT: (N, 3, 3) orientation of the tip in the object now.
-        R_OT0: (N, 3, 3) the same when contact was made.
-        nhat_O: (N, 3) outward normal where contact was made.
-        surface: of the object, for the tangents t1, t2 at that normal.
-
-    Returns:
-        (N, 3) angles xi1 about t1, xi2 about the turned t2, spin about the turned nhat, rad.
-    """
-    R_OF = np.stack([*surface.tangents(nhat_O), nhat_O], axis=-1)
-    turn_F = R_OF.transpose(0, 2, 1) @ R_OT @ R_OT0.transpose(0, 2, 1) @ R_OF
-    return Rotation.from_matrix(turn_F).as_euler("XYZ")
 
 
 @dataclass(frozen=True)

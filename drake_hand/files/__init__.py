@@ -103,7 +103,7 @@ def load(path: Path, type_: type[T]) -> T:
         except (msgspec.DecodeError, RecursionError) as e:
             raise InputError("not valid JSON", file=path, found=str(e), expected="well-formed JSON") from e
     try:
-        return convert(yaml_text.parse(text), type_, file=path)
+        return convert(yaml_text.parse_yaml(text), type_, file=path)
     except InputError as e:
         raise with_line(e, path, text) from e
 

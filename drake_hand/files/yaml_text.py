@@ -29,7 +29,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse(text: str) -> Any:
+def parse_yaml(text: str) -> Any:
     """The data in a YAML text.
 
     Raises:

@@ -49,7 +49,7 @@ class HandReport:
     """What stands in the way of planning."""
 
 
-def load(ref: str | Path) -> tuple[Hand, list[str]]:
+def load_hand(ref: str | Path) -> tuple[Hand, list[str]]:
     """A hand, and what was guessed: nothing of a bundled name or a hand file, what `propose` says of a URDF.
 
     Raises:
@@ -62,13 +62,13 @@ def load(ref: str | Path) -> tuple[Hand, list[str]]:
     return Hand.build(proposal.spec, urdf, urdf.file), list(proposal.remarks)
 
 
-def check(ref: str | Path) -> HandReport:
+def check_hand(ref: str | Path) -> HandReport:
     """Examines a hand: a bundled name, a hand file, or a URDF with the fingers `propose` finds in it.
 
     Raises:
         InputError: it cannot be read at all.
     """
-    hand, remarks = load(ref)
+    hand, remarks = load_hand(ref)
     scene = Scene(hand)
     finger_of = {axis.joint: f.name for f in hand.fingers for axis in f.axes}
     moving = [j for j in hand.urdf.joints.values() if j.moves]
@@ -123,7 +123,7 @@ def overlaps(scene: Scene) -> list[tuple[str, str, float]]:
     return sorted(((a, b, d) for (a, b), d in worst.items()), key=lambda item: -item[2])
 
 
-def init(file: Path, output: Path) -> Proposal:
+def write_proposal(file: Path, output: Path) -> Proposal:
     """Writes a proposed hand file for a URDF; links that overlap at home are listed as to be ignored.
 
     Raises:

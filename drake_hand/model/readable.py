@@ -66,7 +66,7 @@ def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element
     return robot, report
 
 
-def convert(file: Path, folder: Path) -> list[str]:
+def write_readable(file: Path, folder: Path) -> list[str]:
     """Writes a copy of a URDF that Drake reads: meshes beside it as OBJ, relative paths, transmissions.
 
     Args:

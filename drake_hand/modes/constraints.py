@@ -20,7 +20,7 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
-from drake_hand.modes.corridor import Corridor, pose_of
+from drake_hand.modes.corridor import PoseRegion, pose_of
 from drake_hand.modes.situation import object_of
 from drake_hand.plans.tolerances import ARM
 
@@ -51,7 +51,7 @@ class ModeProgram:
     mode: Mode
     X_WO: np.ndarray
     """(4, 4) object pose to start from."""
-    corridor: Corridor
+    corridor: PoseRegion
     """Where the object may be."""
     p_OC: dict[str, np.ndarray]
     """(3,) tip centres asked for, on the expanded surface."""
@@ -94,7 +94,7 @@ def build_ik(
     X_WO: np.ndarray,
     contacts: Mapping[str, np.ndarray],
     *,
-    corridor: Corridor | None = None,
+    corridor: PoseRegion | None = None,
     on_surface: Mapping[str, float] | None = None,
     q_guess: np.ndarray | None = None,
     options: IkOptions | None = None,
@@ -126,7 +126,7 @@ def build_ik(
     surface = Surface.of(object_)
     scene.set(hand.q_home if q_guess is None else q_guess, X_WO)
     _check_contacts(hand, mode, contacts)
-    corridor = corridor or Corridor(X_WO=X_WO)
+    corridor = corridor or PoseRegion(X_WO=X_WO)
     touching = [hand.fingers[i] for i in mode.touching]
     p_OC = {f.name: _onto(surface, contacts[f.name], f.radius) for f in touching}
     sliding = {f.name: options.slide_range for f in touching if mode.submodels[f.index] is Submodel.SLIDE}

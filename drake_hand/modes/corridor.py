@@ -14,7 +14,7 @@ CORRIDOR_POSITION, CORRIDOR_ROTATION = "corridor position", "corridor rotation"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corridor:
+class PoseRegion:
     """Poses of the object near a nominal one: within a ball about its origin, and within an angle of its rotation."""
 
     X_WO: np.ndarray

@@ -14,7 +14,7 @@ from drake_hand.errors import InputError
 from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.modes.constraints import IkOptions, build_ik
-from drake_hand.modes.corridor import Corridor
+from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.situation import object_of
 from drake_hand.modes.solve import Infeasible, ModeSolution, solve_ik
 
@@ -35,7 +35,7 @@ def polish(
     X_WO: np.ndarray,
     p_OC: Mapping[str, np.ndarray],
     *,
-    corridor: Corridor | None = None,
+    corridor: PoseRegion | None = None,
     on_surface: Mapping[str, float] | None = None,
     options: IkOptions | None = None,
 ) -> ModeSolution:
@@ -59,7 +59,7 @@ def polish(
         InputError: as `build_ik`.
     """
     options = options or IkOptions()
-    corridor = corridor or Corridor(X_WO=X_WO)
+    corridor = corridor or PoseRegion(X_WO=X_WO)
     bare = replace(options, distances=False)
 
     def program(q: np.ndarray, X_WO: np.ndarray, options: IkOptions):
@@ -79,7 +79,7 @@ def set_down(
     X_WO: np.ndarray,
     p_OC: Mapping[str, np.ndarray],
     *,
-    corridor: Corridor,
+    corridor: PoseRegion,
     places: np.ndarray | None = None,
     range_: float = 5e-3,
     tries: int = 6,

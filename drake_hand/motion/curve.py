@@ -20,7 +20,7 @@ _GRID = 201
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class RateLimits:
     """Limits of the coordinates of `Curve.rates`: nq joints, and the object's momentum in plans with forces."""
 
     speed: np.ndarray
@@ -37,7 +37,7 @@ class Limits:
         return self.mass * STANDARD_GRAVITY
 
     @classmethod
-    def of(cls, path: Path) -> Limits:
+    def of(cls, path: Path) -> RateLimits:
         """The hand's limits; the object's inertia goes with the mass the task gives it."""
         body = path.object
         mass = path.task.physics.object_mass_kg or body.mass
@@ -58,7 +58,7 @@ class Limits:
 class Curve:
     """A leg as functions of s in [0, 1]: C2 splines through its knots, forces and offsets linear between them."""
 
-    def __init__(self, leg: Leg, limits: Limits) -> None:
+    def __init__(self, leg: Leg, limits: RateLimits) -> None:
         self.leg, self.limits, self.nq = leg, limits, leg.q.shape[1]
         self._s = np.linspace(0.0, 1.0, len(leg.q))
         x = np.hstack([leg.q, quaternions(leg.X_WO[:, :3, :3]), leg.X_WO[:, :3, 3]])

@@ -11,7 +11,7 @@ from scipy.interpolate import PPoly
 
 from drake_hand import __version__
 from drake_hand.motion import law as laws
-from drake_hand.motion.curve import Curve, Limits, linear
+from drake_hand.motion.curve import Curve, RateLimits, linear
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.trajectory import hermite
@@ -42,7 +42,7 @@ def time_path(path: Path) -> Plan:
     Raises:
         ValueError: legs do not join, or change mode without an event; says which.
     """
-    limits = Limits.of(path)
+    limits = RateLimits.of(path)
     optimal = path.task.options.timing == "optimal"
     parts: list[Part] = []
     for legs in _by_part(path.legs):
@@ -196,7 +196,9 @@ def _keep_sign(positions: np.ndarray, rates: np.ndarray, nq: int, before: Part |
     rates[flipped, quaternion] *= -1
 
 
-def _hermite_excess(t: np.ndarray, q: np.ndarray, v: np.ndarray, slope: np.ndarray | float, limits: Limits) -> float:
+def _hermite_excess(
+    t: np.ndarray, q: np.ndarray, v: np.ndarray, slope: np.ndarray | float, limits: RateLimits
+) -> float:
     """As `_Timed.excess`, of the cubics and of the command, which adds `slope` (n - 1, nq) to their speed.
 
     Acceleration is extreme at the ends of a cubic; speed is looked at in between.

@@ -41,7 +41,7 @@ class MujocoExport:
     """Names of the actuators, in the order of `ctrl`'s columns."""
 
 
-def export(plan: Plan) -> MujocoExport:
+def export_mujoco(plan: Plan) -> MujocoExport:
     """Makes model and controls of a plan.
 
     Raises:

@@ -55,7 +55,7 @@ class Replay:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class ReplayProgress:
     """How far a replay is."""
 
     stage: str
@@ -83,7 +83,7 @@ def simulate(
     push: Push | None = None,
     jobs: int | None = None,
     watch: Callable[[Run, Record], None] | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[ReplayProgress], None] | None = None,
 ) -> Replay:
     """Plays a certified plan into physics as often as asked.
 
@@ -147,7 +147,7 @@ def simulate(
 
     def how_far(shares: float) -> None:
         dropped = sum(r.dropped for r in done.values())
-        tell(Progress(stage=f"{len(done)} of {runs} runs", fraction=min(1.0, shares / runs), dropped=dropped))
+        tell(ReplayProgress(stage=f"{len(done)} of {runs} runs", fraction=min(1.0, shares / runs), dropped=dropped))
 
     def further(i: int, share: float) -> None:
         how_far(i + share)
@@ -173,8 +173,8 @@ def simulate(
     return answer()
 
 
-def _told(tell: Callable[[Progress], None], share: float) -> None:
-    tell(Progress(stage="run as planned", fraction=share))
+def _told(tell: Callable[[ReplayProgress], None], share: float) -> None:
+    tell(ReplayProgress(stage="run as planned", fraction=share))
 
 
 def cores() -> int:

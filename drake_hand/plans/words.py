@@ -83,7 +83,7 @@ _STATES = {"force_margin", "effort_ratio", "speed_ratio", "acceleration_ratio", 
 """What a plan can come near to its limit in, without being wrong."""
 
 
-def lines(certificate: Certificate, *, everything: bool = True) -> list[Line]:
+def figure_lines(certificate: Certificate, *, everything: bool = True) -> list[Line]:
     """The figures of a certificate, those that fail first.
 
     Args:
@@ -105,11 +105,11 @@ def verdict(certificate: Certificate, hand: Hand | None = None, *, kinematic: bo
         kinematic: whether the plan carries no forces.
     """
     if not certificate.certified:
-        failing = [line for line in lines(certificate) if not line.ok]
+        failing = [line for line in figure_lines(certificate) if not line.ok]
         said = "; ".join(f"{_told(line)} (limit {line.limit})" for line in failing)
         return f"NOT certified: {said or 'the certificate is about another plan'}"
     what = "certified, kinematics only" if kinematic else "certified"
-    near = [line for line in lines(certificate) if line.field in _STATES and line.share is not None]
+    near = [line for line in figure_lines(certificate) if line.field in _STATES and line.share is not None]
     if not near:
         return what
     nearest = min(near, key=lambda line: line.share or 0.0)
@@ -146,7 +146,7 @@ def mode_strip(plan: Plan, width: int = 72) -> list[str]:
 def plan_card(plan: Plan) -> str:
     """A plan as it shows itself in a notebook cell: verdict, modes over time, figures."""
     note = f"{plan.hand}, {len(plan.parts)} parts, {plan.duration:.3g} s; {plan_verdict(plan)}"
-    found = lines(plan.certificate, everything=False) if plan.certificate else []
+    found = figure_lines(plan.certificate, everything=False) if plan.certificate else []
     rows = [(x.words, x.value, x.limit, x.margin, x.where) for x in found]
     strip = escape("\n".join([*mode_strip(plan), ". free  = rolling  ~ sliding"]))
     table = html_table(title(plan), ["", "worst", "limit", "margin", "where"], rows, note=note)
@@ -155,7 +155,7 @@ def plan_card(plan: Plan) -> str:
 
 def certificate_card(certificate: Certificate) -> str:
     """A certificate as it shows itself in a notebook cell: the verdict and every figure."""
-    rows = [(x.words, x.value, x.limit, x.margin, x.where, "" if x.ok else "FAILS") for x in lines(certificate)]
+    rows = [(x.words, x.value, x.limit, x.margin, x.where, "" if x.ok else "FAILS") for x in figure_lines(certificate)]
     return html_table(verdict(certificate), ["", "worst", "limit", "margin", "where", ""], rows)
 
 

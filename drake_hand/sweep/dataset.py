@@ -21,7 +21,7 @@ STEP_S = 0.02
 """Between time steps."""
 
 
-def export(store: Store, ids: list[str], folder: Path) -> list[Path]:
+def write_dataset(store: Store, ids: list[str], folder: Path) -> list[Path]:
     """Writes a file of demonstrations per hand, the certified plans of these cases and their replays.
 
     All plans of a file are for one hand: the lists in its columns have one length, and its metadata names joints and

@@ -7,12 +7,12 @@ from pathlib import Path
 from statistics import median
 
 from drake_hand.sweep.spec import Case
-from drake_hand.sweep.work import Row
+from drake_hand.sweep.work import CaseRow
 
 
-def groups(cases: list[Case], rows: dict[str, Row]) -> dict[str, list[Row]]:
+def groups(cases: list[Case], rows: dict[str, CaseRow]) -> dict[str, list[CaseRow]]:
     """Rows by task and varied values; seeds together."""
-    out: dict[str, list[Row]] = {}
+    out: dict[str, list[CaseRow]] = {}
     for case in cases:
         label = ", ".join([case.name, *(f"{k.rpartition('.')[2]} {v}" for k, v in case.varied.items())])
         if case.id in rows:
@@ -20,7 +20,7 @@ def groups(cases: list[Case], rows: dict[str, Row]) -> dict[str, list[Row]]:
     return out
 
 
-def summary(grouped: dict[str, list[Row]]) -> list[tuple[object, ...]]:
+def summary(grouped: dict[str, list[CaseRow]]) -> list[tuple[object, ...]]:
     """Per group: label, cases, certified, why not, median s to plan, median regrasps, replays that succeeded."""
     out: list[tuple[object, ...]] = []
     for label, rows in grouped.items():
@@ -41,7 +41,7 @@ def summary(grouped: dict[str, list[Row]]) -> list[tuple[object, ...]]:
     return out
 
 
-def plot(grouped: dict[str, list[Row]], folder: Path) -> list[Path]:
+def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
     """Draws what came of each group, and how long planning took, as PNG files."""
     from matplotlib.figure import Figure
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.sweep.spec import Case
 from drake_hand.sweep.store import Store
-from drake_hand.sweep.work import Done, Row, work
+from drake_hand.sweep.work import CaseRow, Done, work
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -23,7 +23,7 @@ _TRIES = 2
 
 
 @dataclass(frozen=True)
-class Progress:
+class SweepProgress:
     """Where a sweep stands."""
 
     stage: str
@@ -33,8 +33,12 @@ class Progress:
     left_s: float = 0.0
 
 
-def run(
-    cases: list[Case], store: Store, *, scheduler: str | None = None, progress: Callable[[Progress], None] | None = None
+def run_sweep(
+    cases: list[Case],
+    store: Store,
+    *,
+    scheduler: str | None = None,
+    progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
     """Does all cases that the store does not have.
 
@@ -58,7 +62,7 @@ def run(
             store.add(done)
             rate = n / (time.monotonic() - began)
             tell(
-                Progress(
+                SweepProgress(
                     stage=f"{len(cases) - last + n} of {len(cases)} cases",
                     fraction=1 - (last - n) / len(cases),
                     certified=sum(r.status == "certified" for r in store.rows.values()),
@@ -91,7 +95,7 @@ def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
         if future.status == "finished":
             yield future.result()
         elif future.status == "error":
-            yield Done(row=Row.of(case, status="crashed", reason=" ".join(str(future.exception()).split())))
+            yield Done(row=CaseRow.of(case, status="crashed", reason=" ".join(str(future.exception()).split())))
         else:
             raise DrakeHandError("the scheduler is lost; run the sweep again to go on where it stopped")
         future.release()

@@ -17,7 +17,7 @@ import msgspec
 
 from drake_hand.errors import InputError
 from drake_hand.files import make_folder, write_atomic
-from drake_hand.sweep.work import Done, Row
+from drake_hand.sweep.work import CaseRow, Done
 
 if TYPE_CHECKING:
     import pyarrow
@@ -30,7 +30,7 @@ class Store:
 
     def __init__(self, folder: Path, journal: int) -> None:
         self.folder, self._journal = folder, journal
-        self.rows: dict[str, Row] = {row.id: row for row in _read(folder / "journal.jsonl")}
+        self.rows: dict[str, CaseRow] = {row.id: row for row in _read(folder / "journal.jsonl")}
 
     @classmethod
     @contextmanager
@@ -84,13 +84,13 @@ class Store:
         return file
 
 
-def table(rows: list[Row]) -> pyarrow.Table:
+def table(rows: list[CaseRow]) -> pyarrow.Table:
     """The results as a table; what was varied has columns ``vary.KEY``."""
     import pyarrow as pa
 
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     columns, types = {}, {}
-    for field in msgspec.structs.fields(Row):
+    for field in msgspec.structs.fields(CaseRow):
         if field.name == "varied":
             continue
         kind = next(k for k in (str, int, float) if field.type in (k, k | None))
@@ -108,9 +108,9 @@ def _text(value: object) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def _read(file: Path) -> Iterator[Row]:
+def _read(file: Path) -> Iterator[CaseRow]:
     for line in file.read_bytes().split(b"\n"):
         try:
-            yield msgspec.json.decode(line, type=Row)
+            yield msgspec.json.decode(line, type=CaseRow)
         except msgspec.DecodeError:  # empty, or cut short
             continue

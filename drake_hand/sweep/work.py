@@ -15,7 +15,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.sweep.spec import Case
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class CaseRow(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a case; a line of the journal, a row of the results."""
 
     id: str
@@ -45,7 +45,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     drops: int = 0
 
     @classmethod
-    def of(cls, case: Case, *, status: str, reason: str = "") -> Row:
+    def of(cls, case: Case, *, status: str, reason: str = "") -> CaseRow:
         """A row that says no more than this."""
         task = case.task
         return cls(
@@ -65,7 +65,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 class Done:
     """A case's row and files."""
 
-    row: Row
+    row: CaseRow
     plan: bytes | None = None
     """The plan file."""
     runs: tuple[bytes, ...] = ()
@@ -76,10 +76,10 @@ def work(case: Case) -> Done:
     """Does a case."""
     began = time.process_time()
 
-    def row(**known: object) -> Row:
+    def row(**known: object) -> CaseRow:
         status = str(known.pop("status", "certified"))
         cost = time.process_time() - began
-        return msgspec.structs.replace(Row.of(case, status=status), cpu_s=cost, **known)
+        return msgspec.structs.replace(CaseRow.of(case, status=status), cpu_s=cost, **known)
 
     try:
         from drake_hand import api

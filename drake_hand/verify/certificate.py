@@ -19,7 +19,7 @@ from drake_hand.verify.hold import check_hold
 from drake_hand.verify.joints import check_joints
 from drake_hand.verify.legality import check_modes
 from drake_hand.verify.observe import observe
-from drake_hand.verify.predicates import Judgement, check_predicates, judge
+from drake_hand.verify.predicates import Judgement, check_predicates, judge_predicates
 
 
 def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
@@ -93,7 +93,7 @@ def predicates_along(plan: Plan, *, progress: Callable[[float], None] | None = N
         InputError: as `certify`.
     """
     scene = _scene(plan, None)
-    return list(judge(observe(Trajectory(plan), scene, progress), plan, scene))
+    return list(judge_predicates(observe(Trajectory(plan), scene, progress), plan, scene))
 
 
 def _scene(plan: Plan, scene: Scene | None) -> Scene:

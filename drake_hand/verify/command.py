@@ -10,7 +10,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.verify.contacts import FREE, ROLL, SLIDE, runs
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import Observed
-from drake_hand.verify.surface import Solid
+from drake_hand.verify.surface import PackedObject
 
 LIMIT_N = 0.2
 """How much the forces may differ: a fifth, as much as friction and stiffness are off in physics' trials, or 0.2 N."""
@@ -34,7 +34,7 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
     assert scene.object is not None
     error = np.full(seen.digits.shape, np.nan)
     if plan.task.options.hold == "equilibrium":
-        solid, rolls = Solid.of(scene.object), plan.task.options.model == "rolling"
+        solid, rolls = PackedObject.of(scene.object), plan.task.options.model == "rolling"
         for i, finger in enumerate(hand.fingers):
             c = finger.columns
             for first, end in runs(seen.digits[:, i] != FREE):

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 from drake_hand.plans.task import Corridor, Task
 from drake_hand.plans.trajectory import States
 from drake_hand.verify.findings import TOLERANCES, Findings
-from drake_hand.verify.goal import MOVES, Stage
+from drake_hand.verify.goal import MOVES, StepSpan
 
 
-def check_corridor(task: Task, states: States, stages: list[Stage], findings: Findings) -> None:
+def check_corridor(task: Task, states: States, stages: list[StepSpan], findings: Findings) -> None:
     """Judges how far the object is beside its way, all the time.
 
     A step's nominal way leads from the goal of the step before to its own: straight on, turning evenly. The point of it
@@ -32,7 +32,7 @@ def check_corridor(task: Task, states: States, stages: list[Stage], findings: Fi
         findings.add("corridor_deg", np.degrees(turn), t, part, [way.name], limit=deg)
 
 
-def beside(X_WO: np.ndarray, way: Stage, length: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
+def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
     """How far poses X_WO (k, 4, 4) are beside a way.
 
     Args:
@@ -67,7 +67,7 @@ def beside(X_WO: np.ndarray, way: Stage, length: float, angle: float) -> tuple[n
     return np.linalg.norm(p - p_way, axis=1), (R_way.inv() * Rotation.from_matrix(R)).magnitude()
 
 
-def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: Stage, length: float, angle: float) -> np.ndarray:
+def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: StepSpan, length: float, angle: float) -> np.ndarray:
     """(k,) progress around a point beside the object, where position and rotation both count, near that in angle u."""
     best, least = u, np.full(len(u), np.inf)
     for step in np.linspace(-angle, angle, 121) / float(np.linalg.norm(way.turn)):

@@ -17,7 +17,7 @@ MOVES = ("rotate", "translate", "move_to", "push")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class StepSpan:
     """The samples in which one step of the motion is carried out, `first` to `last`."""
 
     step: Step
@@ -34,7 +34,7 @@ class Stage:
     """(3,) point about which it turns: O's origin, wherever that is, unless it is a rotation about another."""
 
 
-def pose(p: Pose | MoveTo) -> np.ndarray:
+def pose_matrix(p: Pose | MoveTo) -> np.ndarray:
     """(4, 4) pose as a person writes it: roll, pitch, yaw about fixed x, y, z; mm and degrees."""
     roll, pitch, yaw = np.radians(p.rpy_deg)
     X = np.eye(4)
@@ -45,7 +45,7 @@ def pose(p: Pose | MoveTo) -> np.ndarray:
     return X
 
 
-def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
+def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]:
     """Follows the motion through the plan: start pose, then every step's goal in turn, the last at the end.
 
     A rotation has to turn by its whole angle: the turn about its axis since the end of the step before tells how often
@@ -57,7 +57,7 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
     """
     X_WO = states.X_WO
     if isinstance(task.start, Pose):
-        _report(findings, states, 0, _errors(X_WO[:1], pose(task.start))[:, 0], "start")
+        _report(findings, states, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], "start")
     # turned vector: time integral of the angular velocity
     w, dt = states.V_WO[:, :3], np.diff(states.t)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
@@ -67,7 +67,7 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
         name = f"step {i + 1}, {step.kind}"
         if i not in moving:
             still = {"X_from": X, "goal": X, "turn": np.zeros(3), "about": X[:3, 3]}
-            stages.append(Stage(step=step, name=name, first=first, last=first, **still))
+            stages.append(StepSpan(step=step, name=name, first=first, last=first, **still))
             continue
         goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
@@ -83,7 +83,7 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[Stage]:
         if step.rotate and step.rotate.about_mm:
             about = np.array(step.rotate.about_mm) / 1000
         stages.append(
-            Stage(step=step, name=name, first=first, last=first + at, X_from=X, goal=goal, turn=turn, about=about)
+            StepSpan(step=step, name=name, first=first, last=first + at, X_from=X, goal=goal, turn=turn, about=about)
         )
         X, first = goal, first + at
     return stages
@@ -95,7 +95,7 @@ def step_goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None,
     if step.kind not in MOVES:
         return goal, None, 0.0
     if step.move_to:
-        return pose(step.move_to), None, 0.0
+        return pose_matrix(step.move_to), None, 0.0
     if step.translate or step.push:
         by_mm = step.translate.by_mm if step.translate else step.push.by_mm if step.push else (0.0, 0.0, 0.0)
         goal[:3, 3] += np.array(by_mm) / 1000

@@ -11,14 +11,14 @@ from drake_hand.plans.task import Pose, Task
 from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
-from drake_hand.verify.goal import Stage
+from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
 
 _STILL = 1e-8
 """m between samples below which the object does not move."""
 
 
-def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[Stage], findings: Findings) -> None:
+def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan], findings: Findings) -> None:
     """Judges forces and contacts wherever neither fixture nor support has the object, and its rest where they do."""
     s, task = seen.states, plan.task
     touching = np.sum(seen.digits != FREE, axis=1)

@@ -15,7 +15,7 @@ from drake_hand.verify.findings import TOLERANCES
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.motion import levers, travel_rates
 from drake_hand.verify.pairs import Clearances, Shapes, deepest
-from drake_hand.verify.surface import Solid
+from drake_hand.verify.surface import PackedObject
 
 STEP_S = 2e-3
 STEP_DEG = 0.25
@@ -92,7 +92,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     )
     k, fingers = len(states.t), len(plan.fingers)
     digits = np.array([[int(c) for c in part.mode] for part in plan.parts])[states.part]
-    tree, solid = Tree.of(scene), Solid.of(scene.object)
+    tree, solid = Tree.of(scene), PackedObject.of(scene.object)
     radius = np.array([f.radius for f in hand.fingers])
     X_WC = np.zeros((k, fingers, 4, 4))
     p_OC, n_O = np.zeros((k, fingers, 3)), np.zeros((k, fingers, 3))
@@ -163,7 +163,7 @@ def _free_tips_between(
     """As `Observed.between`, for tips that are FREE: gaps (k, F) at both ends tell how near they come in between."""
     tree, slack = Tree.of(scene), TOLERANCES["contact_mm"] / 1000
     assert scene.object is not None
-    solid = Solid.of(scene.object)
+    solid = PackedObject.of(scene.object)
     for i, finger in enumerate(scene.hand.fingers):
         body = tree.bodies[finger.tip_link]
         move = travel[:-1, body] + travel[:-1, -1]

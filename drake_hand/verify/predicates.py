@@ -39,7 +39,7 @@ class Judgement:
     """In which part of the plan."""
 
 
-def judge(seen: Observed, plan: Plan, scene: Scene) -> Iterator[Judgement]:
+def judge_predicates(seen: Observed, plan: Plan, scene: Scene) -> Iterator[Judgement]:
     """Evaluates `init` at the start, `inv` and `contact` of every mode wherever it lasts, `jump` at every switch."""
     assert scene.object is not None
     part, codes = seen.states.part, plan.modes
@@ -69,7 +69,7 @@ def judge(seen: Observed, plan: Plan, scene: Scene) -> Iterator[Judgement]:
 def check_predicates(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> None:
     """Reports, as fields ``init``, ``inv``, ``contact`` and ``jump``, how many clauses fail, and the worst of them."""
     failing: dict[str, list[Judgement]] = {kind: [] for kind in KINDS}
-    for j in judge(seen, plan, scene):
+    for j in judge_predicates(seen, plan, scene):
         if not j.finding.holds:
             failing[j.kind].append(j)
     for kind, those in failing.items():

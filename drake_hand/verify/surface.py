@@ -16,7 +16,7 @@ _BEND = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solid:
+class PackedObject:
     """The g convex shapes of an object, packed for the kernels."""
 
     kind: np.ndarray
@@ -31,7 +31,7 @@ class Solid:
     """(g + 1,) each shape's first triangle."""
 
     @classmethod
-    def of(cls, object_: Object) -> Solid:
+    def of(cls, object_: Object) -> PackedObject:
         """Packs an object."""
         shapes = object_.geometries
         size = np.zeros((len(shapes), 3))

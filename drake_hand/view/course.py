@@ -68,7 +68,7 @@ def tip_centres(hand: Hand, q: np.ndarray) -> np.ndarray:
     return np.stack([FingerKinematics.of(hand, f).fk(q[:, f.columns])[0] for f in hand.fingers], axis=1)
 
 
-def turned(states: States) -> tuple[np.ndarray, np.ndarray]:
+def object_turn(states: States) -> tuple[np.ndarray, np.ndarray]:
     """How far the object has turned about the axis it turns about most, with winding.
 
     Returns:

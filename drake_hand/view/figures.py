@@ -15,7 +15,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view import paper_figures
 from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
-from drake_hand.view.course import Course, turned
+from drake_hand.view.course import Course, object_turn
 from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save
 
 SAMPLES = 2000
@@ -130,7 +130,7 @@ def draw_object(plan: Plan, course: Course) -> Figure:
     """Turn of the object about the axis it turns about, with the angle asked for, and its displacement."""
     s = course.states
     figure, (turn, shift) = panels(62, 2)
-    angle, axis = turned(s)
+    angle, axis = object_turn(s)
     asked = sum(step.rotate.angle_deg for step in plan.task.motion if step.rotate)
     turn.plot(s.t, angle, color="#0072b2")
     if asked:

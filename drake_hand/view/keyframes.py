@@ -33,7 +33,7 @@ def needed(rows: np.ndarray, tolerance: float | np.ndarray) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def switches(values: np.ndarray) -> np.ndarray:
+def row_changes(values: np.ndarray) -> np.ndarray:
     """Indices of the first row and of each that differs from the one before it."""
     return np.flatnonzero(np.r_[True, np.any(values[1:] != values[:-1], axis=tuple(range(1, values.ndim)))])
 

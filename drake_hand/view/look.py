@@ -13,7 +13,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Step, Task
 from drake_hand.plans.words import short_name, step_words
-from drake_hand.verify.goal import pose, step_goal
+from drake_hand.verify.goal import pose_matrix, step_goal
 from drake_hand.view.course import tip_centres
 from drake_hand.view.page import Page, insert
 from drake_hand.view.stage import Stage
@@ -57,7 +57,7 @@ def render_failure(task: Task, error: NoPlanFound) -> Page:
 def _start(task: Task) -> tuple[np.ndarray, str]:
     """Where the object starts, and what is to be said about it."""
     if task.start != "auto":
-        return pose(task.start), ""
+        return pose_matrix(task.start), ""
     hand = Hand.load(task.hand)
     X_WO = np.eye(4)
     X_WO[:3, 3] = tip_centres(hand, hand.q_home[None])[0].mean(axis=0)

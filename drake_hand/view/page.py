@@ -15,9 +15,9 @@ import numpy as np
 
 from drake_hand.files import write_atomic
 from drake_hand.plans.plan import Certificate, Plan
-from drake_hand.plans.words import badge, figure, lines, per_cent, plan_verdict, title
+from drake_hand.plans.words import badge, figure, figure_lines, per_cent, plan_verdict, title
 from drake_hand.view.colors import SUBMODEL
-from drake_hand.view.course import Course, turned
+from drake_hand.view.course import Course, object_turn
 
 STRIP_SAMPLES = 400
 
@@ -121,7 +121,7 @@ def insert(html: str, template: str, data: dict[str, Any]) -> Page:
 
 def certificate_facts(certificate: Certificate) -> list[Fact]:
     """The worst values a person asks for first, and whatever fails."""
-    return [(line.words, line.value, line.margin, line.ok) for line in lines(certificate, everything=False)]
+    return [(line.words, line.value, line.margin, line.ok) for line in figure_lines(certificate, everything=False)]
 
 
 def plan_strips(course: Course) -> list[Strip]:
@@ -129,7 +129,7 @@ def plan_strips(course: Course) -> list[Strip]:
     found = []
     if np.isfinite(course.margin).any():
         found.append(strip("friction left", "%", 100 * course.least_margin))
-    turn = turned(course.states)[0]
+    turn = object_turn(course.states)[0]
     if turn.any():
         found.append(strip("turned", "deg", turn))
     return found

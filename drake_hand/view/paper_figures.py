@@ -9,7 +9,7 @@ from drake_hand.modes.code import Mode
 from drake_hand.modes.graph import layout
 from drake_hand.plans.plan import Plan
 from drake_hand.view.colors import finger_color
-from drake_hand.view.course import Course, turned
+from drake_hand.view.course import Course, object_turn
 from drake_hand.view.sketch import Sketch
 from drake_hand.view.style import bent_arrow, column
 
@@ -44,7 +44,7 @@ def draw_automaton(plan: Plan) -> Figure:
 def draw_coordination(plan: Plan, course: Course) -> Figure:
     """Which finger is active over the object's angle (Fig. 12); over time where the object does not turn."""
     s = course.states
-    angle, _ = turned(s)
+    angle, _ = object_turn(s)
     over, label = (
         (angle, "object angle [deg]; a line is a regrasp while it rests") if angle.any() else (s.t, "time [s]")
     )

@@ -50,7 +50,7 @@ def _apart(X: np.ndarray, Y: np.ndarray) -> bool:
     return bool(np.linalg.norm(X[:3, 3] - Y[:3, 3]) > 4e-3 or turn > np.radians(8))
 
 
-def serve(html: str, announce: Callable[[str], None]) -> None:
+def serve_page(html: str, announce: Callable[[str], None]) -> None:
     """Serves a page on the first free port from 7000 on, also to other machines, until interrupted.
 
     Args:

@@ -14,7 +14,7 @@ from pydrake.perception import PointCloud
 from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import quaternions
 from drake_hand.view.colors import finger_color, rgb
-from drake_hand.view.keyframes import hold, needed, switches
+from drake_hand.view.keyframes import hold, needed, row_changes
 
 FRAMES = 12000
 """Most frames of a recording, however long."""
@@ -230,7 +230,7 @@ class Stage:
     def _show(self, path: str, visible: np.ndarray) -> None:
         self._meshcat.SetProperty(f"{_ROOT}/{path}", "visible", bool(visible[0]))
         if visible.any() and not visible.all():
-            for k in switches(visible):
+            for k in row_changes(visible):
                 self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "visible", bool(visible[k]))
 
     def _face(self, towards: np.ndarray) -> None:

@@ -47,11 +47,11 @@ def test_turned_changes_angle_and_fingers_only():
         },
         Task,
     )
-    other = bench.turned(task, 90.0, fingers=["thumb", "index"])
+    other = bench.spin_by(task, 90.0, fingers=["thumb", "index"])
     assert [s.kind for s in other.motion] == [s.kind for s in task.motion]
     assert next(s.rotate.angle_deg for s in other.motion if s.rotate) == 90.0
     assert next(s.grasp.fingers for s in other.motion if s.grasp) == ["thumb", "index"]
-    assert bench.turned(other, 360.0).motion[0] == other.motion[0]
+    assert bench.spin_by(other, 360.0).motion[0] == other.motion[0]
 
 
 @pytest.mark.benchmark

@@ -10,7 +10,7 @@ import can
 import msgspec
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "epos"))
 from swing import swing
 
 from drake_hand.cli import run

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
-from drake_hand.contact.kinematics import ObjectMotion, SubmodelKinematics, relative_angles, slip_velocity
+from drake_hand.contact.kinematics import ObjectMotion, SubmodelKinematics, slip_velocity
 from drake_hand.contact.rolling import roll
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
@@ -249,20 +249,6 @@ def test_too_few_joints_are_told(odd):
     np.testing.assert_allclose(found.v[0], expected, atol=1e-9)
     assert found.residual[0] == pytest.approx(np.linalg.norm(J[0] @ expected - demand[0]))
     assert found.residual[0] > 0.1
-
-
-def test_relative_angles_undo_a_known_turn(rng):
-    surface, N = SURFACES["capsule"], 30
-    n_O = rng.normal(size=(N, 3))
-    n_O /= np.linalg.norm(n_O, axis=1, keepdims=True)
-    t1, t2 = surface.tangents(n_O)
-    angles = rng.uniform(-1, 1, (N, 3))
-    R_OT0 = Rotation.random(N, random_state=1)
-    turn = Rotation.identity(N)
-    for axis, angle in zip((t1, t2, n_O), angles.T, strict=True):
-        turn = turn * Rotation.from_rotvec(axis * angle[:, None])
-    found = relative_angles((turn * R_OT0).as_matrix(), R_OT0.as_matrix(), n_O, surface)
-    np.testing.assert_allclose(found, angles, atol=1e-9)
 
 
 # --- whole modes ------------------------------------------------------------------------------------------------------

@@ -1,15 +1,11 @@
 import itertools
-import sys
 from contextlib import contextmanager
-from pathlib import Path
 
 import can
 import pytest
 
 from drake_hand.epos.master import Master
 from drake_hand.epos.sim.drives import SimulatedDrives
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))  # swing, fault_table: used by both
 
 _channels = itertools.count()
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import can
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 
 from drake_hand.epos import objects as od
 from drake_hand.epos.configure import configure, release, writes

@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
-from fault_table import drives_of
+from fault_trials import drives_of
 
 from drake_hand.epos import discovery
 from drake_hand.epos import objects as od

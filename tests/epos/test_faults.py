@@ -1,7 +1,7 @@
 """The fault table: one run of each row here, twenty in the slow tests; benchmarks/fault_table.py prints the table."""
 
 import pytest
-from fault_table import CASES, Outcome, run_case
+from fault_trials import CASES, Outcome, run_case
 
 pytestmark = pytest.mark.clocked
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos.grip import GONE_S, LOST_S, Grip

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import can
 import numpy as np
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos.clock import SharedClock

@@ -3,7 +3,7 @@ import time
 
 import can
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 
 from drake_hand.epos import objects as od
 from drake_hand.epos.master import Emcy, Master, SdoError, for_all

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sim_bench import Bench
 
-from drake_hand.cli.mirror import describe
+from drake_hand.cli.mirror import describe_pose
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
 from drake_hand.epos.mirror import Mirror, Pose, listen, replay
@@ -126,7 +126,7 @@ def test_a_drive_that_is_not_enabled_has_no_commanded_position(bench):
     pose = bench.pose()
     assert pose.states[1] is State.FAULT
     assert list(np.isnan(pose.commanded)) == [False, True, False]
-    assert "fault: j2" in describe(pose, bench.drives.joints)
+    assert "fault: j2" in describe_pose(pose, bench.drives.joints)
 
 
 def test_short_and_foreign_frames_are_ignored(bench):
@@ -221,7 +221,7 @@ def test_replays_a_record():
     assert poses[0].commanded[0] == 0.0
     assert all(np.allclose(p.error, 0.1) for p in poses)
     assert np.all(np.diff([p.commanded[0] for p in poses]) > 0)
-    assert "error 5.7 deg at index_pip" in describe(poses[0], ("index_pip", "thumb_mcp"))
+    assert "error 5.7 deg at index_pip" in describe_pose(poses[0], ("index_pip", "thumb_mcp"))
 
 
 VIEW = """

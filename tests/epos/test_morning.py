@@ -1,13 +1,9 @@
 """The morning of docs/hardware.md: every command ends as it says there, and leaves nothing powered."""
 
 import re
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from morning import commands, morning
+from morning_commands import commands, morning
 
 pytestmark = [pytest.mark.slow, pytest.mark.clocked]
 

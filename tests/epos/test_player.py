@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos import pdo, player, pvt

@@ -1,7 +1,7 @@
 from itertools import groupby
 
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos import pdo

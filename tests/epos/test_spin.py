@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from fault_table import drives_of
+from fault_trials import drives_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

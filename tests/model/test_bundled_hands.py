@@ -7,7 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_hand.files import bundled
-from drake_hand.model.check import check
+from drake_hand.model.check import check_hand
 from drake_hand.model.geometry import read_collision
 from drake_hand.model.hand import Hand
 from drake_hand.model.inertia import Inertial
@@ -34,7 +34,7 @@ def test_there_are_hands_of_three_four_and_five_fingers_with_different_palm_fram
 
 
 def test_a_check_finds_nothing(hand):
-    report = check(hand.name)
+    report = check_hand(hand.name)
     assert (report.repaired, report.remarks, report.problems) == ((), (), ())
 
 

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_hand.errors import InputError
-from drake_hand.model.readable import convert, readable
+from drake_hand.model.readable import readable, write_readable
 from drake_hand.model.urdf import Urdf
 
 MASS = '<mass value="0.01"/>'
@@ -82,7 +82,7 @@ def test_convert_makes_meshes_relative_and_readable(small, tmp_path):
     file = small({ball: '<mesh filename="part.stl"/>'}).with_name("small.urdf")
     text = file.read_text().replace(ball, '<mesh filename="package://whatever/deep/part.stl"/>', 1)
     file.write_text(text)
-    report = convert(file, tmp_path / "out")
+    report = write_readable(file, tmp_path / "out")
     written = (tmp_path / "out/small.urdf").read_text()
     assert 'filename="meshes/part.obj"' in written
     assert 'filename="meshes/part_1.obj"' in written
@@ -94,16 +94,16 @@ def test_convert_makes_meshes_relative_and_readable(small, tmp_path):
 def test_convert_does_not_overwrite_its_input_nor_write_half(small, tmp_path):
     file = small().with_name("small.urdf")
     with pytest.raises(InputError, match="overwrite"):
-        convert(file, tmp_path)
+        write_readable(file, tmp_path)
     broken = small({'<sphere radius="0.01"/>': '<mesh filename="none.stl"/>'}).with_name("small.urdf")
     with pytest.raises(InputError, match="missing"):
-        convert(broken, tmp_path / "out")
+        write_readable(broken, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_hands_in_the_wild_become_readable(wild, tmp_path):
     name, file = wild
-    convert(file, tmp_path)
+    write_readable(file, tmp_path)
     plant, scene_graph = drake_reads(tmp_path / file.name)
     urdf = Urdf.load(file)
     assert plant.num_actuators() == len(urdf.commanded)

@@ -8,7 +8,7 @@ from pydrake.solvers import SnoptSolver
 from drake_hand.errors import InputError
 from drake_hand.modes.code import Mode
 from drake_hand.modes.constraints import IkOptions, build_ik, reach
-from drake_hand.modes.corridor import Corridor
+from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.situation import Situation, State
 
 
@@ -57,7 +57,7 @@ def test_sliding_constraint_has_the_gradient_it_says(held) -> None:
 
 
 def test_a_corridor_is_described_too(held) -> None:
-    corridor = Corridor(X_WO=held.X_WO, position=0.01, rotation=0.1)
+    corridor = PoseRegion(X_WO=held.X_WO, position=0.01, rotation=0.1)
     program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, corridor=corridor)
     assert {"corridor position[pencil_r8]", "corridor rotation[pencil_r8]"} < set(program.constraints)
     bare = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, options=IkOptions(distances=False))

@@ -11,14 +11,14 @@ from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
 from drake_hand.modes.automaton import Automaton
 from drake_hand.modes.constraints import IkOptions, build_ik
-from drake_hand.modes.corridor import Corridor
+from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.polish import polish, set_down
 from drake_hand.modes.situation import Situation, State
 from drake_hand.modes.solve import Infeasible, find_violations
 
 
-def wide(X_WO: np.ndarray) -> Corridor:
-    return Corridor(X_WO=X_WO, position=15e-3, rotation=math.radians(15))
+def wide(X_WO: np.ndarray) -> PoseRegion:
+    return PoseRegion(X_WO=X_WO, position=15e-3, rotation=math.radians(15))
 
 
 def shaken(held, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +101,7 @@ def test_the_object_comes_to_the_finger(held, reachable_contacts) -> None:
     places = places[rng.permutation(len(places))]
     arguments = (held.scene, held.mode, "ring", held.q, held.X_WO, held.p_OC)
     with pytest.raises(Infeasible, match="ring"):
-        set_down(*arguments, corridor=Corridor(X_WO=held.X_WO), places=places, range_=0.0)
+        set_down(*arguments, corridor=PoseRegion(X_WO=held.X_WO), places=places, range_=0.0)
     found = set_down(*arguments, corridor=wide(held.X_WO), places=places, range_=0.0)
     assert np.linalg.norm(found.p_OC["ring"] - places, axis=1).min() < 1e-5
     assert np.abs(found.X_WO - held.X_WO).max() > 1e-4

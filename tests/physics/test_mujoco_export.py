@@ -9,13 +9,13 @@ from tests.verify.held import END, RAMP, held_plan
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from drake_hand.physics.mujoco_export import export, write  # noqa: E402
+from drake_hand.physics.mujoco_export import export_mujoco, write  # noqa: E402
 
 
 def test_model_and_controls_replay_the_plan(tmp_path):
     plan = held_plan()
     file = tmp_path / "held.xml"
-    controls = np.load(write(export(plan), file))
+    controls = np.load(write(export_mujoco(plan), file))
     # From here on what anybody would write who has only the two files.
     model = mujoco.MjModel.from_xml_path(str(file))
     data = mujoco.MjData(model)
@@ -39,7 +39,7 @@ def test_model_and_controls_replay_the_plan(tmp_path):
 
 def test_controls_are_the_commands_of_the_plan():
     plan = held_plan()
-    made = export(plan)
+    made = export_mujoco(plan)
     assert made.joints == plan.joints
     trajectory, hand = Trajectory(plan), Hand.load("kanguera")
     told = trajectory.at(made.t).q_command

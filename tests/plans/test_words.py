@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from drake_hand.plans.plan import Certificate, Worst
-from drake_hand.plans.words import KINEMATIC, figure, lines, mode_strip, per_cent, plan_verdict, verdict
+from drake_hand.plans.words import KINEMATIC, figure, figure_lines, mode_strip, per_cent, plan_verdict, verdict
 
 
 def certificate(*, certified=True, **worst):
@@ -33,13 +33,13 @@ def test_verdict_of_what_fails_names_all_that_fails():
 def test_kinematic_plans_are_not_called_certified_alone():
     found = certificate(force_margin=at(None, 0.0), slip_mm=at(0.4, 0.5))
     assert verdict(found, kinematic=True).startswith("certified, kinematics only; nearest to its limit: slip")
-    (force,) = (line for line in lines(found) if line.field == "force_margin")
+    (force,) = (line for line in figure_lines(found) if line.field == "force_margin")
     assert (force.value, force.margin) == (KINEMATIC, "")
 
 
 def test_margins_are_shares_of_what_is_allowed():
     found = certificate(slip_mm=at(0.1, 0.5), limit_margin_rad=at(0.0698, 0.0), penetration_mm=at(-1.03, 0.0))
-    told = {line.field: (line.value, line.limit, line.margin) for line in lines(found)}
+    told = {line.field: (line.value, line.limit, line.margin) for line in figure_lines(found)}
     assert told["slip_mm"] == ("0.1 mm", "at most 0.5 mm", "80 %")
     assert told["limit_margin_rad"] == ("4 deg", "at least 0 deg", "")
     assert told["penetration_mm"] == ("1.03 mm", "at least 0 mm", "")
@@ -47,8 +47,8 @@ def test_margins_are_shares_of_what_is_allowed():
 
 def test_short_table_still_shows_whatever_fails():
     found = certificate(certified=False, drift_mm=at(1.0, 0.01, ok=False), object_jump_mm=at(0.0, 0.01))
-    assert [line.field for line in lines(found, everything=False)] == ["drift_mm"]
-    assert {line.field for line in lines(found)} == {"drift_mm", "object_jump_mm"}
+    assert [line.field for line in figure_lines(found, everything=False)] == ["drift_mm"]
+    assert {line.field for line in figure_lines(found)} == {"drift_mm", "object_jump_mm"}
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,10 @@ import pytest
 from drake_hand import cli
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.sweep.report import groups, summary
-from drake_hand.sweep.run import run
+from drake_hand.sweep.run import run_sweep
 from drake_hand.sweep.spec import load_cases
 from drake_hand.sweep.store import Store
-from drake_hand.sweep.work import Done, Row
+from drake_hand.sweep.work import CaseRow, Done
 
 PAPER = """
 tasks: [paper]
@@ -68,14 +68,14 @@ def test_the_journal_survives_a_line_cut_short(file, tmp_path):
     cases = load_cases(file)
     with Store.open(tmp_path / "out") as store:
         for case in cases[:3]:
-            store.add(Done(row=Row.of(case, status="infeasible", reason="no"), plan=b"{}\n"))
+            store.add(Done(row=CaseRow.of(case, status="infeasible", reason="no"), plan=b"{}\n"))
         with pytest.raises(InputError, match="another sweep"), Store.open(tmp_path / "out"):
             pass
     journal = tmp_path / "out" / "journal.jsonl"
     journal.write_bytes(journal.read_bytes()[:-20])
     with Store.open(tmp_path / "out") as store:
         assert list(store.rows) == [c.id for c in cases[:2]]
-        store.add(Done(row=Row.of(cases[2], status="timeout")))
+        store.add(Done(row=CaseRow.of(cases[2], status="timeout")))
     with Store.open(tmp_path / "out") as store:
         assert [r.status for r in store.rows.values()] == ["infeasible", "infeasible", "timeout"]
         (line,) = summary(groups(cases, store.rows))[:1]
@@ -117,7 +117,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing(cluster, file, tmp_path):
             first.send_signal(signal.SIGKILL)
 
     with Store.open(tmp_path / "out") as store:
-        run(cases, store, scheduler=at, progress=kill)
+        run_sweep(cases, store, scheduler=at, progress=kill)
         assert [store.rows[c.id].status for c in cases] == ["certified"] * len(cases)
     assert (tmp_path / "out" / "journal.jsonl").read_text().count("\n") == len(cases), "none is done twice"
 
@@ -128,19 +128,19 @@ def test_a_lost_scheduler_ends_the_sweep_and_the_next_goes_on(cluster, file, tmp
     cases = load_cases(file)
     with Store.open(tmp_path / "out") as store:
         with pytest.raises(DrakeHandError, match="run the sweep again"):
-            run(cases, store, scheduler=at, progress=lambda _: scheduler.send_signal(signal.SIGKILL))
+            run_sweep(cases, store, scheduler=at, progress=lambda _: scheduler.send_signal(signal.SIGKILL))
         before = len(store.rows)
         assert 1 <= before < len(cases)
     with Store.open(tmp_path / "out") as store:
         assert len(store.rows) == before
-        run(cases, store)
+        run_sweep(cases, store)
         assert {r.status for r in store.rows.values()} == {"certified"}
     assert (tmp_path / "out" / "journal.jsonl").read_text().count("\n") == len(cases)
 
 
 def test_no_scheduler_is_an_input_error(file, tmp_path):
     with Store.open(tmp_path / "out") as store, pytest.raises(InputError, match="no scheduler answers"):
-        run(load_cases(file), store, scheduler="tcp://127.0.0.1:1")
+        run_sweep(load_cases(file), store, scheduler="tcp://127.0.0.1:1")
 
 
 @pytest.mark.slow
@@ -177,9 +177,9 @@ def test_a_sweep_killed_whole_goes_on_and_exports(file, tmp_path, capsys, monkey
 def test_a_row_says_all_that_the_schema_of_results_has(file, tmp_path):
     cases = load_cases(file)
     with Store.open(tmp_path / "out") as store:
-        store.add(Done(row=Row.of(cases[0], status="timeout", reason="late")))
+        store.add(Done(row=CaseRow.of(cases[0], status="timeout", reason="late")))
         table = pq.read_table(store.write_table([c.id for c in cases]))
-    names = {f.name for f in msgspec.structs.fields(Row)} - {"varied"}
+    names = {f.name for f in msgspec.structs.fields(CaseRow)} - {"varied"}
     assert names | {"vary.motion.1.rotate.angle_deg"} == set(table.column_names)
     assert table.num_rows == 1
     assert table.column("reason").to_pylist() == ["late"]

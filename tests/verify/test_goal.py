@@ -8,12 +8,12 @@ from drake_hand.plans.task import Corridor, Grasp, MoveTo, Options, Pose, Releas
 from drake_hand.plans.trajectory import States
 from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
-from drake_hand.verify.goal import check_goal, pose
+from drake_hand.verify.goal import check_goal, pose_matrix
 
 
 def moving(*pieces, start=((0, 0, 100), (0, 0, 0))):
     """An object that goes through pieces (axis, degrees, by_mm, about_mm), a second each, from rest to rest."""
-    X = pose(Pose(xyz_mm=start[0], rpy_deg=start[1]))
+    X = pose_matrix(Pose(xyz_mm=start[0], rpy_deg=start[1]))
     poses, twists = [X], [np.zeros(6)]
     for axis, degrees, by_mm, about_mm in pieces:
         axis = np.array(axis, dtype=float)
@@ -60,7 +60,7 @@ STILL = ((0, 0, 1), 0, (0, 0, 0), None)
 
 
 def test_pose_is_roll_pitch_yaw_about_fixed_axes():
-    X = pose(MoveTo(xyz_mm=(1, 2, 3), rpy_deg=(10, 20, 30)))
+    X = pose_matrix(MoveTo(xyz_mm=(1, 2, 3), rpy_deg=(10, 20, 30)))
     assert np.allclose(X[:3, :3], Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix())
     assert np.allclose(X[:3, 3], [0.001, 0.002, 0.003])
 

@@ -15,7 +15,7 @@ from drake_hand.verify.along import Along, at_instants, differences
 from drake_hand.verify.certificate import certify
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import NEAR, observe
-from drake_hand.verify.predicates import KINDS, check_predicates, judge
+from drake_hand.verify.predicates import KINDS, check_predicates, judge_predicates
 
 INDEX = HAND.finger("index").columns
 
@@ -205,7 +205,8 @@ def test_each_clause_is_named_when_broken(coarse, kinematic, scene, what):
     findings = Findings()
     check_predicates(observe(Trajectory(plan), scene), plan, scene, findings)
     assert not findings.worst[kind].ok
-    judged = {f"{j.predicate}: {j.finding.said}": j for j in judge(observe(Trajectory(plan), scene), plan, scene)}
+    seen = observe(Trajectory(plan), scene)
+    judged = {f"{j.predicate}: {j.finding.said}": j for j in judge_predicates(seen, plan, scene)}
     failing = [text for text, j in judged.items() if not j.finding.holds]
     assert any(all(word in text for word in words) for text in failing), failing
     assert findings.worst[kind].where in failing
@@ -219,7 +220,7 @@ def test_penetration_is_named(coarse, kinematic, scene):
     check_predicates(observe(Trajectory(plan), scene), plan, scene, findings)
     said = [
         j.finding.said
-        for j in judge(observe(Trajectory(plan), scene), plan, scene)
+        for j in judge_predicates(observe(Trajectory(plan), scene), plan, scene)
         if j.kind == "inv" and j.finding.clause.name == "no penetration" and not j.finding.holds
     ]
     assert said

@@ -9,7 +9,7 @@ import trimesh
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.verify.surface import Solid
+from drake_hand.verify.surface import PackedObject
 
 SHAPES = {
     "sphere": '<sphere radius="0.02"/>',
@@ -36,7 +36,7 @@ def made(folder: Path, *shapes: str) -> Object:
 @pytest.mark.parametrize("kinds", [*([k] for k in SHAPES), list(SHAPES)], ids=lambda k: "+".join(k))
 def test_distances_and_normals_are_scene_graphs(kinds, tmp_path):
     object_ = made(tmp_path, *(SHAPES[k] for k in kinds))
-    scene, solid = Scene(Hand.load("kanguera"), object_), Solid.of(object_)
+    scene, solid = Scene(Hand.load("kanguera"), object_), PackedObject.of(object_)
     scene.set(scene.hand.q_home, np.eye(4))
     inspector = scene.scene_graph.model_inspector()
     own = {g for g in inspector.GetAllGeometryIds() if "thing" in inspector.GetName(g)}
@@ -62,7 +62,7 @@ def test_bend_is_one_plus_radius_times_curvature(tmp_path):
         file = tmp_path / "one.urdf"
         shape = f"<collision><geometry>{SHAPES[kind]}</geometry></collision>"
         file.write_text(f'<robot name="one"><link name="one">{shape}</link></robot>')
-        solid = Solid.of(Object.load(file))
+        solid = PackedObject.of(Object.load(file))
         bend = solid.bend(np.array([p], dtype=float), np.array([n], dtype=float), r)
         assert bend[0] == pytest.approx(expected, rel=1e-4)
 
@@ -70,7 +70,7 @@ def test_bend_is_one_plus_radius_times_curvature(tmp_path):
 def test_a_fine_mesh_is_near_its_sphere(tmp_path):
     file = tmp_path / "ball.stl"
     trimesh.creation.icosphere(4, 0.03).export(file)
-    solid = Solid.of(Object.load(file))
+    solid = PackedObject.of(Object.load(file))
     points = np.random.default_rng(1).normal(size=(200, 3))
     points *= 0.04 / np.linalg.norm(points, axis=1, keepdims=True)
     assert np.allclose(solid.distance(points)[0], 0.01, atol=3e-4)  # dense meshes are simplified on loading

@@ -88,7 +88,7 @@ def test_serves_one_page_until_interrupted(page, monkeypatch):
     servers = []
     listen = show._listen
     monkeypatch.setattr(show, "_listen", lambda handler: servers.append(listen(handler)) or servers[-1])
-    thread = threading.Thread(target=show.serve, args=(page, announce))
+    thread = threading.Thread(target=show.serve_page, args=(page, announce))
     thread.start()
     try:
         assert said.wait(5)

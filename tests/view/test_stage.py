@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_hand.view.keyframes import hold, needed, switches
+from drake_hand.view.keyframes import hold, needed, row_changes
 from drake_hand.view.stage import FRAME_RATE, FRAMES, frame_times, tubes, upright
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda g: np.linalg.norm(g) > 1e-3)
@@ -45,7 +45,7 @@ def test_a_straight_way_needs_its_ends_only():
 
 
 def test_switches_are_first_row_and_changes():
-    assert switches(np.array([True, True, False, False, True])).tolist() == [0, 2, 4]
+    assert row_changes(np.array([True, True, False, False, True])).tolist() == [0, 2, 4]
 
 
 def test_a_way_is_a_closed_tube_around_each_stretch():

@@ -16,7 +16,7 @@ from drake_hand.model.object import Geometry
 _KINDS = {"sphere": 0, "capsule": 1, "cylinder": 2, "box": 3, "mesh": 4}
 
 
-class Solid(NamedTuple):
+class ShapeArrays(NamedTuple):
     """A union of convex shapes, in the frame of the body they are fixed to."""
 
     kind: np.ndarray
@@ -43,13 +43,13 @@ class Solid(NamedTuple):
     """(3,) m."""
 
 
-def solid(geometries: tuple[Geometry, ...]) -> Solid:
+def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
     """The arrays of some shapes."""
     corners = [g.vertices[g.faces] if g.kind == "mesh" else np.zeros((0, 3, 3)) for g in geometries]
     T = np.concatenate(corners)
     normals = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
     box = np.concatenate([g.box_O for g in geometries])
-    return Solid(
+    return ShapeArrays(
         kind=np.array([_KINDS[g.kind] for g in geometries]),
         R=np.stack([np.ascontiguousarray(g.X_OG[:3, :3], dtype=float) for g in geometries]),
         p=np.stack([np.asarray(g.X_OG[:3, 3], dtype=float) for g in geometries]),

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import workspace
-from drake_hand.contact.kernels.geometry import Solid
+from drake_hand.contact.kernels.geometry import ShapeArrays
 from drake_hand.contact.kernels.rolling import Chains
 
 END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE = range(8)
@@ -58,8 +58,8 @@ class World(NamedTuple):
     """All that does not change while planning."""
 
     chains: Chains
-    object: Solid
-    palm: Solid
+    object: ShapeArrays
+    palm: ShapeArrays
     """All shapes that stand still, in W."""
     cover: Cover
     p_OCom: np.ndarray
@@ -153,7 +153,7 @@ def _types() -> tuple[numba.types.Type, ...]:
         ints, floats(0, 3, 3), floats(0, 3), ints, floats(0), floats(0), flags, floats(0, 3), floats(0), ints,
         floats(0, 0), floats(0, 0),
     )  # fmt: skip
-    solid = Solid(
+    solid = ShapeArrays(
         ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), ints, floats(0, 2, 3),
         floats(3), floats(3),
     )  # fmt: skip

@@ -1,0 +1,234 @@
+"""One run of a row of the fault table: do the invariants hold, how fast do all drives stop?
+
+Fifteen simulated drives on a ``virtual`` bus in this process, real clocks and threads. Times are counted from the
+moment the fault happens (where a drive sends a message, from that message; where a motor runs away from its demand,
+from the moment it is past the share of its window at which the master acts), in SYNC periods: `frames` until the last
+stop frame is sent, `stopped` until the last of the other drives has left the motion.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import can
+import msgspec
+import numpy as np
+from fault_cases import CASES, Case, Tap, Trial
+from swing import swing
+
+from drake_hand.epos import executor, pdo
+from drake_hand.epos.drives import Drives
+from drake_hand.epos.objects import IDENTITY, DriveType
+from drake_hand.epos.pdo import LAYOUT
+from drake_hand.epos.sim.drives import SimulatedDrives
+from drake_hand.epos.sim.faults import kind_of
+from drake_hand.epos.sim.timeline import Event, Header, Row, read_timeline
+from drake_hand.epos.state import Control, State
+from drake_hand.epos.stops import FOLLOWING_SHARE
+
+MOTION_S = 1.0
+WITHIN_S = 0.6
+LATE_T = 1.5
+"""Longest time between two SYNCs, or two answers of a healthy drive, that is no disturbance, in SYNC periods."""
+STAMP_S = 1.1e-3
+"""How much before a frame the simulated drives may date what it did."""
+BY_ITSELF_S = 0.27
+"""Time in which a drive without a master has to leave the motion: its heartbeat consumer time and one look."""
+_STOPPED = {s.value for s in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION, State.FAULT, State.SWITCH_ON_DISABLED)}
+_channels = itertools.count()
+
+
+def drives_of(types: str, sync_ms: int = 10) -> Drives:
+    """The bundled drives, of one type or (``mix``) of all three, or (``mix2``) of two in turn."""
+    kanguera = Drives.load()
+    bus = msgspec.structs.replace(kanguera.bus, sync_ms=sync_ms)
+    cycles: dict[str, list[DriveType]] = {"mix": ["epos2", "epos4", "epos1"], "mix2": ["epos2", "epos4"]}
+    cycle = itertools.cycle(cycles.get(types, [cast(DriveType, types)]))
+    made = tuple(replace(d, type=t, identity=IDENTITY[t]) for d, t in zip(kanguera.drives, cycle, strict=False))
+    return replace(kanguera, drives=made, bus=bus)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a run showed."""
+
+    frames: float
+    """SYNC periods from the cause to the last stop frame; NaN where there is no such time."""
+    stopped: float
+    """SYNC periods from the cause to the last of the other drives leaving the motion."""
+    syncs: int
+    """SYNCs in that time: independent of how late they were."""
+    disturbed: str
+    """What else stopped the run before the fault could: a machine too busy to keep the SYNC, say; empty if nothing."""
+    ramp_ms: float
+    """From there until the last of their motors rests."""
+    violations: list[str]
+
+
+def run_case(case: Case, seed: int, sync_ms: int = 10) -> Outcome:
+    """One run of a row.
+
+    Args:
+        case: the row.
+        seed: of drive types, drive, moment and strength.
+        sync_ms: SYNC period.
+    """
+    rng = np.random.default_rng([seed, CASES.index(case)])
+    drives = drives_of(case.types[seed % len(case.types)], sync_ms)
+    plan = swing(drives.joints, MOTION_S, amplitude_deg=40, swings=2)
+    channel = f"faults-{next(_channels)}"
+    candidates = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
+    with tempfile.TemporaryDirectory() as folder:
+        timeline = Path(folder) / "timeline.jsonl"
+        with can.Bus(interface="virtual", channel=channel) as a, can.Bus(interface="virtual", channel=channel) as b:
+            sim = SimulatedDrives(b, drives, log=timeline, seed=seed)
+            trial = Trial(drives=drives, victim=str(rng.choice(candidates)), sim=sim, rng=rng)
+
+            def act() -> None:
+                trial.acted = time.time()
+                case.act(trial)
+
+            timer = threading.Timer(float(rng.uniform(0, WITHIN_S)), act)
+            trial.tap = Tap(a, timer.start, sync_ms)
+            log = Path(folder) / "run.npz"
+            with sim:
+                answer = _execute(plan, trial, log)
+                timer.cancel()
+                if not case.reachable:
+                    time.sleep(BY_ITSELF_S)
+        header, rows, events = read_timeline(timeline)
+    return _judge(case, trial, answer, header, rows, events)
+
+
+def _execute(plan: Any, trial: Trial, log: Path) -> dict | None:
+    try:
+        return executor.execute(plan, trial.drives, trial.tap, log=log, progress=lambda p: trial.progress(p)).answer()
+    except RuntimeError:
+        return None  # the one raised on purpose
+
+
+def _judge(
+    case: Case, trial: Trial, answer: dict | None, header: Header, rows: list[Row], events: list[Event]
+) -> Outcome:
+    T = trial.drives.bus.sync_ms * 1e-3
+    # a row whose victim still reacts like the others counts it among them
+    others = [
+        j for j in header.joints if j != trial.victim or case.kinds[0] in ("interrupt", "internal", "late", "bus")
+    ]
+    begun = _cause(case, trial, header, rows, events)
+    left = {
+        e.joint: e.t
+        for e in reversed(events)
+        if e.event == "state" and e.what in _STOPPED and e.t >= begun - STAMP_S and e.joint in others
+    }
+    stopped = max(left.values()) if len(left) == len(others) else np.inf
+    stops = [
+        t for t, cob, data in trial.tap.sent if kind_of(cob) == "stop" and data[0] == Control.QUICK_STOP and t >= begun
+    ]
+    first_stops = stops[: len(header.joints)]
+    resting = _resting(rows, [header.joints.index(j) for j in others], stopped)
+    return Outcome(
+        frames=max(max(first_stops) - begun, 0.0) / T if first_stops else np.nan,
+        stopped=max(stopped - begun, 0.0) / T,  # a drive may date it a little before the frame that did it
+        syncs=sum(1 for r in rows if r.sync is not None and begun < r.t <= stopped + 1e-6),
+        disturbed=_disturbance(case, trial, answer),
+        ramp_ms=(resting - stopped) * 1e3,
+        violations=list(_violations(case, trial, answer, header, events, stopped)),
+    )
+
+
+def _disturbance(case: Case, trial: Trial, answer: dict | None) -> str:
+    """What stopped the run instead of the fault, where frames came late: that is the machine's own fault."""
+    first = answer["faults"][0] if answer and answer["faults"] else None
+    if first is None or first["kind"] in case.kinds:
+        return ""
+    T = trial.drives.bus.sync_ms * 1e-3
+    syncs = [t for t, cob, _ in trial.tap.sent if cob == pdo.SYNC_COB]
+    spared = next(d for d in trial.drives.drives if d.joint != trial.victim)
+    answers = [t for t, cob, _ in trial.tap.heard if cob == LAYOUT[spared.type].status.cob_id(spared.node)]
+    gap = max((b - a for times in (syncs, answers) for a, b in itertools.pairwise(times)), default=0.0)
+    return str(first["text"]) if gap > LATE_T * T else ""
+
+
+def _injected(trial: Trial, events: list[Event]) -> float:
+    return next((e.t for e in events if e.event == "fault"), trial.acted)
+
+
+def _cause(case: Case, trial: Trial, header: Header, rows: list[Row], events: list[Event]) -> float:
+    """When the clock of the row begins."""
+    if trial.tap.held_until:
+        return trial.tap.held_until
+    injected = _injected(trial, events)
+    if case.since == "fault":
+        return injected
+    if case.since == "silence":
+        return next(t for t, cob, _ in trial.tap.sent if cob == pdo.SYNC_COB and t >= injected)
+    if case.since == "message":
+        said = (
+            (t, d)
+            for t, cob, d in trial.tap.heard
+            if kind_of(cob) == "emcy" or (kind_of(cob), d) == ("heartbeat", b"\0")
+        )
+        return next((t for t, _ in said if t >= injected), np.inf)
+    i = header.joints.index(trial.victim)
+    limit = FOLLOWING_SHARE * trial.drives.drives[i].following_error_counts
+    # in position mode a row shows the set value its SYNC brought; the drive compared that of the row before
+    back = trial.drives.drives[i].type == "epos1"
+    pairs = zip(rows if back else rows[1:], rows[1:], strict=False)
+    return next((r.t for d, r in pairs if r.t >= injected and abs(d.demand[i] - r.position[i]) > limit), np.inf)
+
+
+def _resting(rows: list[Row], columns: list[int], since: float) -> float:
+    """When the last motor of these came to rest, to a row."""
+    after = [r for r in rows if r.t >= since]
+    positions = np.array([[r.position[i] for i in columns] for r in after])
+    if len(positions) < 2:
+        return since
+    moving = np.flatnonzero((np.abs(np.diff(positions, axis=0)) > 1.0).any(axis=1))
+    return after[moving[-1] + 1].t if len(moving) else after[0].t
+
+
+def _violations(
+    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[Event], stopped: float
+) -> Any:
+    """What the invariants say."""
+    sent, heard, injected = trial.tap.sent, trial.tap.heard, _injected(trial, events)
+    first_enable = min(
+        (t for t, cob, d in sent if kind_of(cob) == "command" and d[0] == Control.ENABLE), default=np.inf
+    )
+    configured = max(t for t, cob, _ in heard if kind_of(cob) == "sdo" and t < first_enable)
+    operational = {
+        cob & 0x7F for t, cob, d in heard if kind_of(cob) == "heartbeat" and d[0] == 0x05 and t < first_enable
+    }
+    if any(e.event == "state" and e.what == State.OPERATION_ENABLED.value and e.t < configured for e in events):
+        yield "a drive was enabled before all were configured"
+    if not operational >= set(header.nodes):
+        yield "a drive was enabled before all were heard"
+    disturbed = bool(_disturbance(case, trial, answer))
+    if not np.isfinite(stopped) and not disturbed:
+        yield "a drive did not leave the motion"
+    alone = [
+        e.t for e in events if e.joint == trial.victim and e.event == "state" and e.what in _STOPPED and e.t >= injected
+    ]
+    if not case.reachable and not disturbed and not (alone and min(alone) - injected <= BY_ITSELF_S):
+        yield "the drive that was cut off did not stop by itself"
+    states = trial.sim.states
+    if case.reachable and any(s.powered for s in states.values()):
+        yield f"still powered: {[j for j, s in states.items() if s.powered]}"
+    if answer is None:
+        return
+    if answer["ok"] or not answer["faults"]:
+        yield "the run says that nothing happened"
+    elif answer["faults"][0]["kind"] not in case.kinds and not disturbed:
+        yield f"stopped by {answer['faults'][0]['kind']}, not {case.kinds}: {answer['faults'][0]['text']}"
+    if answer["disabled"] != case.reachable and not disturbed:
+        yield f"disabled {answer['disabled']}, not disabled {answer['not_disabled']}"
+    unnamed = [j for j, s in states.items() if s.powered and j not in answer["not_disabled"]]
+    if unnamed:
+        yield f"powered and not named: {unnamed}"
