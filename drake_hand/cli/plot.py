@@ -81,6 +81,6 @@ def _draw_replays(plan: Plan, folder: Path, formats: list[str]) -> list[Path]:
     if len(engines) == 1:
         print("only in Drake: pip install 'drake_hand[mujoco]' for the other engine", file=sys.stderr)
     with progress_display(quiet=False) as progress:
-        runs = {engine: simulate(plan, engine=engine, progress=progress).runs[0] for engine in engines}
+        runs = {str(engine): simulate(plan, engine=engine, progress=progress).runs[0] for engine in engines}
     with in_print():
         return save(draw_replay_errors(plan, runs), folder, "replay_errors", formats)

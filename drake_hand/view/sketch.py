@@ -33,7 +33,7 @@ class Sketch:
         right = np.cross([0, 0, 1.0], self._eye)
         right /= np.linalg.norm(right)
         self._axes = np.stack([right, np.cross(self._eye, right)])
-        ends = np.vstack([course.p_WC.reshape(-1, 3), np.zeros((1, 3)), self._object(course.states.X_WO[0])])
+        ends = np.vstack([course.p_WC.reshape(-1, 3), np.zeros((1, 3)), *map(self._object, course.states.X_WO[::50])])
         seen = ends @ self._axes.T
         self._low, self._high = seen.min(axis=0), seen.max(axis=0)
 
