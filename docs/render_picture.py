@@ -1,20 +1,77 @@
-"""Renders a picture of a plan's page at a time: python docs/render_picture.py out/spin.html 12.5 docs/spin.png."""
+"""Renders pages of plans at a time each, side by side.
 
+python docs/render_picture.py docs/spin.png spin.plan.json@12.5 cube.plan.json@80
+"""
+
+from __future__ import annotations
+
+import io
 import shutil
 import sys
+import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
 
-page, time_s, picture = Path(sys.argv[1]).resolve(), float(sys.argv[2]), sys.argv[3]
-flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-with sync_playwright() as playwright:
-    browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
-    tab = browser.new_page(viewport={"width": 1200, "height": 720}, device_scale_factor=1.5)
-    tab.goto(page.as_uri())
-    tab.wait_for_function("viewer.animator.actions.length > 0")
-    tab.evaluate(f"viewer.animator.pause(); viewer.animator.seek({time_s})")
-    tab.wait_for_function(f"document.querySelector('#dh-time').textContent === '{time_s:.2f} s'")
-    tab.wait_for_timeout(500)
-    tab.screenshot(path=picture)
-    browser.close()
+from drake_hand import api
+from drake_hand.plans.plan import Plan
+
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE_MS = 300_000
+
+
+def pictures(
+    shown: Sequence[tuple[Plan, float]], *, size: tuple[int, int] = (640, 720), fineness: float = 1.5
+) -> Iterator[Image.Image]:
+    """What the pages of plans show at a time each, s; one after the other.
+
+    Args:
+        shown: plans, and when.
+        size: of the window, in pixels of the layout.
+        fineness: pixels of the picture per pixel of the layout.
+    """
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        window = {"width": size[0], "height": size[1]}
+        for plan, t in shown:
+            file = Path(folder) / "plan.html"
+            api.show(plan).save(file)
+            tab = browser.new_page(viewport=window, device_scale_factor=fineness)
+            tab.set_default_timeout(PATIENCE_MS)
+            tab.goto(file.as_uri(), wait_until="domcontentloaded")
+            yield _at(tab, t)
+            tab.close()
+        browser.close()
+
+
+def _at(tab: Page, t: float) -> Image.Image:
+    tab.wait_for_function("dh.ready && dh.now() > 0")
+    tab.evaluate(f"viewer.animator.pause(); viewer.animator.seek({t})")
+    tab.wait_for_function(f"document.querySelector('#dh-time').textContent === '{t:.2f} s'")
+    tab.evaluate(
+        "viewer.set_dirty(), new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))"
+    )
+    return Image.open(io.BytesIO(tab.screenshot(timeout=PATIENCE_MS))).convert("RGB")
+
+
+def beside(images: Sequence[Image.Image]) -> Image.Image:
+    """Pictures of one height, from left to right."""
+    whole = Image.new("RGB", (sum(i.width for i in images), images[0].height), "white")
+    left = 0
+    for image in images:
+        whole.paste(image, (left, 0))
+        left += image.width
+    return whole
+
+
+def save(image: Image.Image, file: Path) -> None:
+    """Writes a picture in 128 colours, a third of the size."""
+    image.quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
+
+
+if __name__ == "__main__":
+    target, *asked = sys.argv[1:]
+    pairs = [name.rpartition("@") for name in asked]
+    save(beside(list(pictures([(Plan.load(Path(file)), float(t)) for file, _, t in pairs]))), Path(target))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from drake_hand.cli.output import naming, progress_display
 from drake_hand.files import require_folder, require_place
 from drake_hand.plans.plan import Plan
 
@@ -18,6 +21,7 @@ def plot(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     formats: Annotated[str, Parameter(name="--format")] = "png",
     gif: Path | None = None,
+    replay: bool = False,
 ) -> None:
     """Draw a plan as figures for print: those of the paper, and modes, joints, object, contacts, forces, margin.
 
@@ -26,6 +30,7 @@ def plot(
     ```console
     $ drake-hand plot spin.plan.json -o figures
     $ drake-hand plot spin.plan.json -o figures --format svg,pdf --gif spin.gif
+    $ drake-hand plot carry.plan.json -o figures --replay
     $ drake-hand plot spin.run.npz -o figures
     ```
 
@@ -34,6 +39,7 @@ def plot(
         output: the folder for the files.
         formats: svg, pdf and png, with commas between.
         gif: also write the plan as a moving picture.
+        replay: also replay the plan in physics, and draw how far the object is off over time, in both engines.
     """
     import numpy as np
 
@@ -57,5 +63,24 @@ def plot(
         if gif:
             write_gif(subject, Course.of(subject, hand, np.linspace(0, subject.duration, 200)), gif)
             files.append(gif)
+        if replay:
+            with naming(file):
+                files += _draw_replays(subject, output, kinds)
     for written in files:
         print(f"wrote {written}")
+
+
+def _draw_replays(plan: Plan, folder: Path, formats: list[str]) -> list[Path]:
+    """Draws the errors of one run as planned in every engine that is installed."""
+    from drake_hand.physics.engine import EngineName
+    from drake_hand.physics.runs import simulate
+    from drake_hand.view.replay_figures import draw_replay_errors
+    from drake_hand.view.style import in_print, save
+
+    engines: list[EngineName] = ["drake", "mujoco"] if find_spec("mujoco") else ["drake"]
+    if len(engines) == 1:
+        print("only in Drake: pip install 'drake_hand[mujoco]' for the other engine", file=sys.stderr)
+    with progress_display(quiet=False) as progress:
+        runs = {str(engine): simulate(plan, engine=engine, progress=progress).runs[0] for engine in engines}
+    with in_print():
+        return save(draw_replay_errors(plan, runs), folder, "replay_errors", formats)

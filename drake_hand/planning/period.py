@@ -22,6 +22,9 @@ from drake_hand.planning.state import State, Stroke
 SHORTEST = np.radians(40.0)
 """Of periods: about as far as a finger carries an object before it has to step back."""
 
+FEWEST = 3
+"""Periods worth going back to the nominal way for, where a search could do without."""
+
 
 def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: float) -> Iterator[int]:
     """Into how many periods a turn by `angle` [rad] about a line can be divided, the most first."""
@@ -60,7 +63,7 @@ class Period:
             return None
         for count in counts(surface, axis_O, point_O, path.angle):
             ticks, odd = divmod(path.ticks, count)
-            if not odd:
+            if count >= FEWEST and not odd:
                 return cls(ticks=ticks, count=count, X_OO=X_OW @ path.X_WO[ticks])
         return None
 

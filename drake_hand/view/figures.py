@@ -15,8 +15,13 @@ from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view import paper_figures
 from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
+<<<<<<< HEAD
 from drake_hand.view.course import Course, object_turn
 from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save
+=======
+from drake_hand.view.course import Course, turned
+from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
+>>>>>>> seen
 
 SAMPLES = 2000
 GAP_MM = 0.1
@@ -156,9 +161,9 @@ def draw_object(plan: Plan, course: Course) -> Figure:
 def draw_contacts(plan: Plan, course: Course) -> Figure:
     """Distance between fingertip and contact point, with what the certificate allows."""
     figure, (ax,) = panels(48, 1)
-    for i, name in enumerate(plan.fingers):
+    for i in touching(plan):
         gap = np.maximum(1e3 * np.abs(course.gap[:, i]), 1e-6)
-        ax.semilogy(course.states.t, gap, _STYLES[i % 4], color=finger_color(i), label=name)
+        ax.semilogy(course.states.t, gap, _STYLES[i % 4], color=finger_color(i), label=plan.fingers[i])
     ax.axhline(GAP_MM, color="0.3", ls="--", lw=0.6)
     ax.annotate(f"allowed: {GAP_MM:g} mm", (0.01 * plan.duration, GAP_MM), va="bottom", fontsize=6.5)
     ax.set_ylim(top=10 * GAP_MM)
@@ -178,8 +183,8 @@ def draw_forces(plan: Plan, course: Course) -> Figure:
         ("torque, of effort [%]", 100 * course.effort),
     )
     for ax, (label, values) in zip(axes, rows, strict=True):
-        for i, name in enumerate(plan.fingers):
-            ax.plot(s.t, values[:, i], color=finger_color(i), label=name)
+        for i in touching(plan):
+            ax.plot(s.t, values[:, i], color=finger_color(i), label=plan.fingers[i])
         ax.set_ylabel(label)
         ax.set_ylim(bottom=0)
         mark_switches(ax, plan)

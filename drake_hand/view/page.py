@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import re
 from collections.abc import Sequence
@@ -115,8 +117,24 @@ def insert(html: str, template: str, data: dict[str, Any]) -> Page:
         return (colors if match[1] == "page.css" else "") + folder.joinpath(match[1]).read_text(encoding="utf-8")
 
     panel = re.sub(r"/\*(data|[a-z]+\.(?:css|js))\*/", fill, folder.joinpath(template).read_text(encoding="utf-8"))
-    before, end, after = html.rpartition("</body>")
+    before, end, after = _packed(html).rpartition("</body>")
     return Page(f"{before}{panel}{end}{after}")
+
+
+_DATA = re.compile(
+    r'(fetch\("data:application/octet-binary;base64,)([^"]{20000,})("\)\s*\.then\(res => )res\.arrayBuffer'
+)
+
+
+def _packed(html: str) -> str:
+    """A page of Meshcat's with its recording and large meshes compressed, which halves them."""
+
+    def pack(match: re.Match[str]) -> str:
+        packed = base64.b64encode(gzip.compress(base64.b64decode(match[2]), mtime=0)).decode()
+        read = 'new Response(res.body.pipeThrough(new DecompressionStream("gzip"))).arrayBuffer'
+        return f"{match[1]}{packed}{match[3]}{read}"
+
+    return _DATA.sub(pack, html)
 
 
 def certificate_facts(certificate: Certificate) -> list[Fact]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from drake_hand.modes.code import Mode
 from drake_hand.modes.graph import layout
@@ -11,7 +12,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.view.colors import finger_color
 from drake_hand.view.course import Course, object_turn
 from drake_hand.view.sketch import Sketch
-from drake_hand.view.style import bent_arrow, column
+from drake_hand.view.style import bent_arrow, column, legend_below, mark_switches, panels, touching
 
 _VISITED = "#d55e00"
 FRAMES = 4
@@ -36,69 +37,85 @@ def draw_automaton(plan: Plan) -> Figure:
     for code in dict.fromkeys(plan.modes):
         x, y = places[Mode.parse(code, plan.fingers)]
         ax.plot(x, y, "o", ms=3.5, color=_VISITED)
-        ax.annotate(code, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=6, family="monospace")
+        left = code.count("0") % 2  # rings by turns, or labels of one spoke would cover each other
+        clear = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+        ax.annotate(
+            code,
+            (x, y),
+            xytext=(-4 if left else 4, 2),
+            ha="right" if left else "left",
+            textcoords="offset points",
+            fontsize=6,
+            family="monospace",
+            bbox=clear,
+            zorder=3,
+        )
     ax.set_title(f"{len(places)} modes; rings: fingers in contact; in colour: the way of the plan", fontsize=6.5)
     return figure
 
 
 def draw_coordination(plan: Plan, course: Course) -> Figure:
-    """Which finger is active over the object's angle (Fig. 12); over time where the object does not turn."""
+    """Which finger is active when, above how far the object has turned, or moved where it does not turn (Fig. 12)."""
     s = course.states
+<<<<<<< HEAD
     angle, _ = object_turn(s)
     over, label = (
         (angle, "object angle [deg]; a line is a regrasp while it rests") if angle.any() else (s.t, "time [s]")
     )
     figure = column(12 + 8 * len(plan.fingers))
     axes = list(figure.subplots(len(plan.fingers), 1, sharex=True, squeeze=False)[::-1, 0])
+=======
+    used = touching(plan)
+    figure, axes = panels(32 + 8 * len(used), len(used) + 1, height_ratios=[1.0] * len(used) + [2.2])
+>>>>>>> seen
     active = np.array([[c != "0" for c in part.mode] for part in plan.parts], dtype=float)[s.part]
-    for i, (name, ax) in enumerate(zip(plan.fingers, axes, strict=True)):
-        ax.fill_between(over, 0, active[:, i], step="post", color=finger_color(i), alpha=0.25, lw=0)
-        ax.plot(over, active[:, i], drawstyle="steps-post", color=finger_color(i))
+    for i, ax in zip(reversed(used), axes, strict=False):
+        ax.fill_between(s.t, 0, active[:, i], step="post", color=finger_color(i), alpha=0.25, lw=0)
+        ax.plot(s.t, active[:, i], drawstyle="steps-post", color=finger_color(i))
         ax.set_ylim(-0.1, 1.25)
         ax.set_yticks([0, 1], ["free", "active"])
-        ax.set_title(name, loc="left", pad=2)
-        ax.set_xlim(over[0], over[-1])
-    axes[0].set_xlabel(label)
+        ax.set_title(plan.fingers[i], loc="left", pad=2)
+    angle, _ = turned(s)
+    far = 1e3 * np.linalg.norm(s.X_WO[:, :3, 3] - s.X_WO[0, :3, 3], axis=1)
+    axes[-1].plot(s.t, angle if angle.any() else far, color="0.2")
+    axes[-1].set_ylabel("object\n[deg]" if angle.any() else "object\n[mm]")
+    axes[-1].set_ylim(bottom=0)
+    for ax in axes:
+        mark_switches(ax, plan)
     return figure
 
 
 def draw_states(plan: Plan) -> Figure:
     """The modes a plan goes through and the events between them (Fig. 13); A is the one without contact."""
-    visited = sorted(dict.fromkeys(plan.modes), key=lambda c: c.strip("0") != "")
+    visited = sorted(dict.fromkeys(plan.modes), key=lambda c: (c.strip("0") != "", [-int(digit) for digit in c]))
     hub = max(visited, key=lambda c: len({b for a, b in _changes(plan) if a == c}))
     around = [c for c in visited if c != hub]
     places = {hub: np.zeros(2)}
     for i, code in enumerate(around):
         angle = np.pi / 2 + 2 * np.pi * i / len(around)
         places[code] = np.array([np.cos(angle), np.sin(angle)])
-    figure = column(85)
+    figure = column(92)
     ax = figure.subplots()
     ax.set_aspect("equal")
     ax.set_axis_off()
-    ax.set_xlim(-1.35, 1.35)
-    ax.set_ylim(-1.3, 1.3)
+    ax.set_xlim(-1.3, 1.3)
+    ax.set_ylim(-1.25, 1.25)
+    colors = {}
     for (before, after), events in _events(plan).items():
-        a, b = places[before], places[after]
-        bent_arrow(ax, a, b, color="0.25", bend=0.18, clear=15)
-        across = np.array([(b - a)[1], -(b - a)[0]])
-        at = (a + b) / 2 + 0.16 * across
-        turn = np.degrees(np.arctan2(*(b - a)[::-1]))
-        turn = turn - 180 * np.round(turn / 180)
-        words = events[0] if len(events) == 1 else f"{events[0].split()[0]} {len(events)} fingers"
-        ax.text(at[0], at[1], words, fontsize=5.5, ha="center", va="center", rotation=turn, color="0.25")
+        fingers = {event.split()[1] for event in events}
+        who = fingers.pop() if len(fingers) == 1 else "several fingers"
+        colors[who] = finger_color(plan.fingers.index(who)) if who in plan.fingers else "0.35"
+        bent_arrow(ax, places[before], places[after], color=colors[who], bend=0.18, clear=15)
     for i, code in enumerate(visited):
         box = {"boxstyle": "circle,pad=0.35", "facecolor": "#eaf2fb", "edgecolor": "#0072b2", "linewidth": 0.8}
         letter = chr(ord("A") + i) if i < 26 else str(i)
+        x, y = places[code]
         ax.text(
-            places[code][0],
-            places[code][1],
-            f"{letter}\n{code}",
-            ha="center",
-            va="center",
-            fontsize=6.5,
-            family="monospace",
-            bbox=box,
+            x, y, f"{letter}\n{code}", ha="center", va="center", fontsize=6.5, family="monospace", bbox=box, zorder=3
         )
+    ax.set_title("an arrow's colour: the finger that takes hold or lets go", fontsize=6.5)
+    handles = [Line2D([], [], color=color, label=who) for who, color in colors.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=1.4, columnspacing=1.2)
     return figure
 
 
@@ -169,25 +186,26 @@ def draw_contact_map(plan: Plan, course: Course) -> Figure:
     ax = figure.subplots()
     along = int(np.argmax(np.ptp(known, axis=0))) if len(known) else 2
     u, v = (along + 1) % 3, (along + 2) % 3
-    for i, name in enumerate(plan.fingers):
+    for i in touching(plan):
         angle = np.degrees(np.arctan2(p[:, i, v], p[:, i, u]))
         wrapped = np.abs(np.diff(angle, prepend=angle[:1])) > 180
-        ax.plot(1e3 * p[:, i, along], np.where(wrapped, np.nan, angle), color=finger_color(i), lw=1.6, label=name)
+        ax.plot(
+            1e3 * p[:, i, along], np.where(wrapped, np.nan, angle), color=finger_color(i), lw=1.6, label=plan.fingers[i]
+        )
         first = np.flatnonzero(np.isfinite(angle) & ~np.isfinite(np.r_[np.nan, angle[:-1]]))
-        ax.plot(1e3 * p[first, i, along], angle[first], "o", ms=3, mfc="white", color=finger_color(i))
+        ax.plot(1e3 * p[first, i, along], angle[first], "o", ms=3, mfc="white", color=finger_color(i), clip_on=False)
     ax.set_ylim(-180, 180)
     ax.set_yticks(range(-180, 181, 90))
     ax.set_title("a ring is where a finger takes hold", loc="left")
     ax.set_xlabel(f"along {'xyz'[along]} of the object [mm]")
     ax.set_ylabel(f"around {'xyz'[along]} [deg]")
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, handlelength=1.2, columnspacing=1.2)
+    legend_below(figure, ax)
     return figure
 
 
 def _finger(plan: Plan, name: str) -> int:
     """The finger asked for; else the middle finger, as in the paper, or the first one that touches."""
-    used = [f for i, f in enumerate(plan.fingers) if any(c[i] != "0" for c in plan.modes)]
+    used = [plan.fingers[i] for i in touching(plan)]
     return plan.fingers.index(name or ("middle" if "middle" in used else (used or plan.fingers)[0]))
 
 

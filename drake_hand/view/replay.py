@@ -35,7 +35,7 @@ def render_replay(plan: Plan, run: Run, record: Record) -> Page:
     stage.hand(record.q[k], record.X_WO[k])
     stage.object(record.X_WO[k])
     stage.object(planned.X_WO, ghost=True)
-    stage.contacts(record.p_W[k], record.f_W[k])
+    stage.contacts(record.p_W[k], record.f_W[k], record.X_WO[k])
     verdict = "dropped" if run.dropped else "held" if run.success else "held, off the plan"
     sentence = f"what physics made of it: {verdict}"
     return add_panel(

@@ -28,7 +28,7 @@ def render(plan: Plan, scene: Scene) -> Page:
     stage = Stage(scene, states.t, gravity=np.array(plan.task.physics.gravity))
     stage.hand(states.q, states.X_WO)
     stage.object(states.X_WO)
-    stage.contacts(course.p_WP, states.f_W)
+    stage.contacts(course.p_WP, states.f_W, states.X_WO)
     touched_O = _just_above(course)
     for i in range(len(plan.fingers)):
         stage.way(i, touched_O[:, i], on_object=True)

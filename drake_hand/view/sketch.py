@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon
-from scipy.spatial import ConvexHull
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Circle
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.files import require_folder
@@ -19,6 +19,8 @@ from drake_hand.view.style import column, in_print
 
 _EYE = np.array([0.75, 0.75, 0.25])
 """From where one looks, in W: out of the palm and from the thumb's side."""
+_TONES = np.array([[0.95, 0.87, 0.63], [0.80, 0.62, 0.30]])
+"""Of the two halves of the object, so that one sees it turn."""
 
 
 class Sketch:
@@ -26,21 +28,19 @@ class Sketch:
 
     def __init__(self, plan: Plan, course: Course) -> None:
         self._plan, self._hand = plan, course.hand
-        self._outlines = [np.asarray(g.to_trimesh().vertices) for g in Object.load(plan.task.object).geometries]
-        eye = _EYE / np.linalg.norm(_EYE)
-        right = np.cross([0, 0, 1.0], eye)
+        self._meshes = [g.to_trimesh() for g in Object.load(plan.task.object).geometries]
+        self._eye = _EYE / np.linalg.norm(_EYE)
+        right = np.cross([0, 0, 1.0], self._eye)
         right /= np.linalg.norm(right)
-        self._axes = np.stack([right, np.cross(eye, right)])
-        ends = np.vstack([course.p_WC.reshape(-1, 3), np.zeros((1, 3)), self._object(course.states.X_WO[0])])
+        self._axes = np.stack([right, np.cross(self._eye, right)])
+        ends = np.vstack([course.p_WC.reshape(-1, 3), np.zeros((1, 3)), *map(self._object, course.states.X_WO[::50])])
         seen = ends @ self._axes.T
         self._low, self._high = seen.min(axis=0), seen.max(axis=0)
 
     def draw(self, ax: Axes, t: float) -> None:
         """Draws the state at a time, s."""
         states = self._plan.at(t)
-        for outline in self._outlines:
-            flat = (outline @ states.X_WO[0, :3, :3].T + states.X_WO[0, :3, 3]) @ self._axes.T
-            ax.add_patch(Polygon(flat[ConvexHull(flat).vertices], fc="#f3dfa0", ec="#8a6d1d", lw=0.6, zorder=2))
+        self._draw_object(ax, states.X_WO[0])
         for finger in self._hand.fingers:
             kinematics = FingerKinematics.of(self._hand, finger)
             joints, _ = kinematics.frames(states.q[:, finger.columns])
@@ -57,8 +57,19 @@ class Sketch:
         ax.set_aspect("equal")
         ax.set_axis_off()
 
+    def _draw_object(self, ax: Axes, X_WO: np.ndarray) -> None:
+        """Draws the faces that look this way, nearest last."""
+        triangles = np.vstack([m.triangles for m in self._meshes]) @ X_WO[:3, :3].T + X_WO[:3, 3]
+        nhat_O = np.vstack([m.face_normals for m in self._meshes])
+        facing = nhat_O @ X_WO[:3, :3].T @ self._eye
+        order = np.argsort(triangles.mean(axis=1) @ self._eye)
+        seen = order[facing[order] > 1e-6]
+        tones = _TONES[(nhat_O[seen].sum(axis=1) < 0).astype(int)]
+        colors = tones * (0.72 + 0.28 * facing[seen, None])
+        ax.add_collection(PolyCollection(triangles[seen] @ self._axes.T, fc=colors, ec=colors, lw=0.3, zorder=2))
+
     def _object(self, X_WO: np.ndarray) -> np.ndarray:
-        return np.vstack(self._outlines) @ X_WO[:3, :3].T + X_WO[:3, 3]
+        return np.vstack([m.vertices for m in self._meshes]) @ X_WO[:3, :3].T + X_WO[:3, 3]
 
 
 def write_gif(plan: Plan, course: Course, file: Path, *, seconds: float = 8.0, frames: int = 64) -> None:

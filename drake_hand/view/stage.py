@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,21 @@ _LONGEST = 1.5
 """Length at which arrows are cut, over that of a strong force."""
 _FINE = 5e-4
 """How far off the recording may be, over the hand's size; in rotation, rad over 2."""
+_POSES = 30000
+"""Most poses of a recording: what a page of 6 MB has room for. Long recordings are coarser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Track:
+    """A motion to be recorded."""
+
+    path: str
+    X: np.ndarray
+    """(k, 4, 4) poses."""
+    rows: np.ndarray
+    """(k, 7) the same as numbers between which one interpolates."""
+    tolerance: np.ndarray
+    """(7,) how far off each may be."""
 
 
 def frame_times(duration: float) -> np.ndarray:
@@ -54,6 +70,7 @@ class Stage:
         self._animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
         self._R_VW = upright(gravity)
         self._ways: list[dict[str, Any]] = []
+        self._tracks: list[_Track] = []
         self._look = {"front": [1.0, 0, 0], "side": [0, 1.0, 0], "palm": [1.0, 0, 0]}
         self._force_scale, self._most_force = 1.0, 0.0
         p_WT = np.array([scene.tip_position(f) for f in scene.hand.fingers])
@@ -95,20 +112,26 @@ class Stage:
             self._draw_body(f"{path}/{plant.get_body(i).name()}", plant.get_body(i), alpha=0.25 if ghost else 1.0)
         self._move(path, X_WO)
 
-    def contacts(self, p_W: np.ndarray, f_W: np.ndarray) -> None:
+    def contacts(self, p_W: np.ndarray, f_W: np.ndarray, X_WO: np.ndarray) -> None:
         """Draws contact points and forces; a strong force is an arrow of a third of the hand's size.
+
+        They are drawn on the object, where they hardly move.
 
         Args:
             p_W: (k, F, 3) points in W, m; NaN where there is no contact.
             f_W: (k, F, 3) forces on the object in W, N; zero where there is none.
+            X_WO: (k, 4, 4) where the object is.
         """
+        R_OW = np.swapaxes(X_WO[:, :3, :3], 1, 2)
+        p_O = np.einsum("kij,kfj->kfi", R_OW, p_W - X_WO[:, None, :3, 3])
+        f_O = np.einsum("kij,kfj->kfi", R_OW, f_W)
         size = np.linalg.norm(f_W, axis=2)
         pushing = size > 1e-4
         if pushing.any():
             self._most_force = float(np.percentile(size[pushing], _STRONG))
             self._force_scale = _ARROW * self.size / self._most_force
         for finger in self._scene.hand.fingers:
-            self._contact(finger.name, finger.index, p_W[:, finger.index], f_W[:, finger.index])
+            self._contact(finger.name, finger.index, p_O[:, finger.index], f_O[:, finger.index])
 
     def way(self, index: int, p_P: np.ndarray, *, on_object: bool) -> None:
         """Draws the way of a point, which grows as the recording plays.
@@ -174,31 +197,43 @@ class Stage:
 
     def html(self) -> str:
         """The page, which needs no server and no network."""
+        self._record()
         self._meshcat.SetAnimation(self._animation)
         return self._meshcat.StaticHtml()
 
-    def _contact(self, name: str, index: int, p_W: np.ndarray, f_W: np.ndarray) -> None:
+    def _record(self) -> None:
+        """Records the motions, as finely as there is room for."""
+        coarse, room = 1.0, False
+        while not room:
+            frames = [needed(track.rows, coarse * track.tolerance) for track in self._tracks]
+            room = sum(map(len, frames)) <= _POSES
+            coarse *= 1.5
+        for track, chosen in zip(self._tracks, frames, strict=True):
+            for k in chosen:
+                self._animation.SetTransform(int(k), track.path, RigidTransform(track.X[k]))
+
+    def _contact(self, name: str, index: int, p_O: np.ndarray, f_O: np.ndarray) -> None:
         color = finger_color(index)
-        touching = np.isfinite(p_W).all(axis=1)
+        touching = np.isfinite(p_O).all(axis=1)
         if not touching.any():
             return
-        X = np.tile(np.eye(4), (len(p_W), 1, 1))
-        X[:, :3, 3] = hold(p_W, touching)
-        self.mark(f"contacts/{name}/rim", Sphere(0.016 * self.size), "#111827")
-        self.mark(f"contacts/{name}/dot", Sphere(0.011 * self.size), color)
-        self._meshcat.SetProperty(f"{_ROOT}/contacts/{name}/dot/<object>", "renderOrder", 2.0)
-        self._move(f"contacts/{name}", X)
-        self._show(f"contacts/{name}", touching)
-        size = np.linalg.norm(f_W, axis=1)
+        X = np.tile(np.eye(4), (len(p_O), 1, 1))
+        X[:, :3, 3] = hold(p_O, touching)
+        self.mark(f"object/contacts/{name}/rim", Sphere(0.016 * self.size), "#111827")
+        self.mark(f"object/contacts/{name}/dot", Sphere(0.011 * self.size), color)
+        self._meshcat.SetProperty(f"{_ROOT}/object/contacts/{name}/dot/<object>", "renderOrder", 2.0)
+        self._move(f"object/contacts/{name}", X)
+        self._show(f"object/contacts/{name}", touching)
+        size = np.linalg.norm(f_O, axis=1)
         pushing = touching & (size > 1e-4)
         if not pushing.any():
             return
-        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in hold(f_W, pushing)]
-        self.arrow(f"forces/{name}", color)
-        self._move(f"forces/{name}", X, coarse=4.0)
+        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in hold(f_O, pushing)]
+        self.arrow(f"object/forces/{name}", color)
+        self._move(f"object/forces/{name}", X, coarse=4.0)
         longest = _LONGEST * _ARROW * self.size
-        self._scale(f"forces/{name}", np.clip(size * self._force_scale, 1e-3 * longest, longest))
-        self._show(f"forces/{name}", pushing)
+        self._scale(f"object/forces/{name}", np.clip(size * self._force_scale, 1e-3 * longest, longest))
+        self._show(f"object/forces/{name}", pushing)
 
     def _draw_body(self, path: str, body: RigidBody, alpha: float = 1.0) -> None:
         """Draws what a body shows (its illustration geometry)."""
@@ -219,8 +254,7 @@ class Stage:
             return
         rows = np.hstack([quaternions(X[:, :3, :3]), X[:, :3, 3]])
         tolerance = coarse * _FINE * np.array([1.0] * 4 + [self.size] * 3)
-        for k in needed(rows, tolerance):
-            self._animation.SetTransform(int(k), path, RigidTransform(X[k]))
+        self._tracks.append(_Track(path=path, X=X, rows=rows, tolerance=tolerance))
 
     def _scale(self, path: str, length: np.ndarray) -> None:
         self._meshcat.SetProperty(f"{_ROOT}/{path}", "scale", [float(length[0])] * 3)

@@ -18,6 +18,8 @@ from drake_hand.plans.plan import Plan
 
 WIDTH_MM = 85.0
 """Of a column in print."""
+MOST_SWITCHES = 60
+"""Changes of mode up to which they are marked."""
 FORMATS = ("svg", "pdf", "png")
 _DPI = 300
 _RC: dict[Any, Any] = {
@@ -50,10 +52,10 @@ def column(height_mm: float) -> Figure:
     return Figure(figsize=(WIDTH_MM / 25.4, height_mm / 25.4), layout="constrained")
 
 
-def panels(height_mm: float, rows: int) -> tuple[Figure, list[Axes]]:
-    """A column of panels over a common time axis."""
+def panels(height_mm: float, rows: int, **shape: Any) -> tuple[Figure, list[Axes]]:
+    """A column of panels over a common time axis; `shape` as of `Figure.subplots`."""
     figure = column(height_mm)
-    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False, **shape)[:, 0])
     axes[-1].set_xlabel("time [s]")
     return figure, axes
 
@@ -69,11 +71,16 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
 
 
 def mark_switches(ax: Axes, plan: Plan) -> None:
-    """Thin lines where the mode changes."""
-    for part in plan.parts[1:]:
-        if part.events:
-            ax.axvline(part.t[0], color="0.88", lw=0.5, zorder=0)
+    """Thin lines where the mode changes, unless there are so many that they are a grey wash."""
+    at = [part.t[0] for part in plan.parts[1:] if part.events]
+    for t in at if len(at) <= MOST_SWITCHES else ():
+        ax.axvline(t, color="0.88", lw=0.5, zorder=0)
     ax.set_xlim(0, plan.duration)
+
+
+def touching(plan: Plan) -> list[int]:
+    """Fingers that touch the object at any time."""
+    return [i for i in range(len(plan.fingers)) if any(code[i] != "0" for code in plan.modes)]
 
 
 def legend_below(figure: Figure, ax: Axes, columns: int = 5) -> None:

@@ -11,33 +11,46 @@ from PIL import Image
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FINENESS = 0.5
+"""Pixels drawn per pixel of the layout: drawing in software costs by the pixel, and layout does not depend on it."""
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
 
 
 @contextmanager
-def opened(uri: str, *, size: tuple[int, int] = (1000, 700)) -> Iterator:
-    """A tab with a page in it; when it closes, the console held no error and nothing was asked of a network."""
+def chromium() -> Iterator:
+    """A browser that draws in software."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        tab.set_default_timeout(240_000)
-        problems: list[str] = []
-        asked: list[str] = []
-        tab.on("request", lambda r: asked.append(r.url))
-        tab.on("pageerror", lambda e: problems.append(str(e)))
-        tab.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
-        tab.goto(uri, wait_until="domcontentloaded")
-        yield tab
+        yield browser
         browser.close()
+
+
+@contextmanager
+def opened(browser, uri: str, *, size: tuple[int, int] = (1000, 700)) -> Iterator:
+    """A tab with a page in it; when it closes, the console held no error and nothing was asked of a network."""
+    tab = browser.new_page(viewport={"width": size[0], "height": size[1]}, device_scale_factor=FINENESS)
+    tab.set_default_timeout(240_000)
+    problems: list[str] = []
+    asked: list[str] = []
+    tab.on("request", lambda r: asked.append(r.url))
+    tab.on("pageerror", lambda e: problems.append(str(e)))
+    tab.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
+    tab.goto(uri, wait_until="domcontentloaded")
+    yield tab
+    tab.close()
     assert problems == []
-    assert {url.partition(":")[0] for url in asked} <= {"file", "data", "blob"}, "the page needs no network"
+    served = uri.partition("/lab")[0] if uri.startswith("http") else "file:"
+    elsewhere = [url for url in asked if not url.startswith((served, "data:", "blob:", "about:"))]
+    assert elsewhere == [], "the page needs no network"
 
 
 def picture(tab) -> np.ndarray:
-    """(h, w, 3) what the tab shows."""
-    return np.asarray(Image.open(io.BytesIO(tab.screenshot())).convert("RGB"), dtype=int)
+    """(h, w, 3) what the tab shows, a row and column per pixel of the layout."""
+    shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+    size = tab.viewport_size
+    return np.asarray(shot.resize((size["width"], size["height"])), dtype=int)
 
 
 def drawn(image: np.ndarray) -> np.ndarray:

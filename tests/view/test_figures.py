@@ -1,6 +1,9 @@
 """Figures show what the plan holds, in a column of a paper."""
 
+from types import SimpleNamespace
+
 import matplotlib.colors
+import matplotlib.figure
 import matplotlib.image
 import numpy as np
 import pytest
@@ -9,11 +12,14 @@ from drake_hand import cli
 from drake_hand.errors import InputError
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.physics.run import Errors
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.observe import observe
 from drake_hand.view import figures, paper_figures
-from drake_hand.view.colors import SUBMODEL
+from drake_hand.view.colors import SUBMODEL, finger_color
 from drake_hand.view.course import Course
+from drake_hand.view.replay_figures import draw_replay_errors
+from drake_hand.view.sketch import Sketch
 
 NAMES = [
     "fig11_automaton", "fig12_coordination", "fig13_states", "fig14_frames", "fig15_path", "fig16_velocity",
@@ -88,10 +94,34 @@ def test_activation_is_that_of_the_modes(sample_plan, course):
 
 
 def test_states_are_lettered_from_the_one_without_contact(sample_plan):
-    texts = [t.get_text() for t in paper_figures.draw_states(sample_plan).axes[0].texts]
-    assert "A\n00000" in texts
-    assert "break index" in texts
-    assert len([t for t in texts if "\n" in t]) == 4
+    figure = paper_figures.draw_states(sample_plan)
+    assert [t.get_text() for t in figure.axes[0].texts] == ["A\n00000", "B\n00121", "C\n00111", "D\n00101"]
+    arrows = {matplotlib.colors.to_hex(arrow.get_edgecolor()) for arrow in figure.axes[0].patches}
+    index = finger_color(sample_plan.fingers.index("index"))
+    assert index in arrows
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["several fingers", "index"]
+
+
+def test_the_object_is_drawn_from_its_faces_that_look_this_way(sample_plan, course):
+    ax = matplotlib.figure.Figure().subplots()
+    Sketch(sample_plan, course).draw(ax, 1.5)
+    faces = ax.collections[0]
+    (mesh,) = [g.to_trimesh() for g in Object.load("pencil_r8").geometries]
+    assert 0 < len(faces.get_paths()) < len(mesh.faces)
+    assert len(np.unique(faces.get_facecolor(), axis=0)) > 2, "halves and slopes can be told apart"
+
+
+def test_replay_errors_show_each_engine_and_who_dropped(sample_plan):
+    def run(dropped, mm):
+        errors = Errors(t=[1.0, 2.0], position_mm=[0.0, mm], tilt_deg=[0.1, 0.2], rotation_deg=[-0.1, -0.3])
+        return SimpleNamespace(errors=errors, dropped=dropped)
+
+    figure = draw_replay_errors(sample_plan, {"drake": run(False, 0.5), "mujoco": run(True, 30.0)})
+    position, _, turn = figure.axes
+    drake, mujoco = (line for line in position.get_lines() if len(line.get_xdata()) == 2 and line.get_xdata()[0] == 1)
+    assert [drake.get_label(), mujoco.get_label()] == ["drake", "mujoco, dropped"]
+    assert list(drake.get_ydata()) == [0.01, 0.5]
+    assert list(turn.get_lines()[0].get_ydata()) == [0.1, 0.3]
 
 
 def test_effort_is_that_of_the_checker(sample_plan, hand, course):

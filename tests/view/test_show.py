@@ -1,5 +1,7 @@
 """The page of a plan, as text."""
 
+import base64
+import gzip
 import json
 import re
 import threading
@@ -36,6 +38,12 @@ def test_panel_knows_modes_events_and_merged_rows(page):
     assert [row[:3] for row in data["rows"][3]] == [[0, 0.0, 1.0], [1, 1.0, 2.0], [0, 2.0, 4.0], [2, 4.0, 5.0]]
     assert data["rows"][3][1][3].startswith("index, rolling from 1.00 to 2.00 s: ")
     assert data["good"] == "no"
+
+
+def test_the_recording_is_compressed(page):
+    packed = re.findall(r'base64,([^"]{5000,})"\)\s*\.then\(res => new Response\(res\.body', page)
+    whole = [gzip.decompress(base64.b64decode(data)) for data in packed]
+    assert [data for data in whole if b"set_animation" in data[:40]]
 
 
 def test_card_shows_what_was_asked_first_and_whatever_fails(sample_plan):

@@ -81,12 +81,9 @@
   }
   line.addEventListener("pointerdown", (e) => { line.setPointerCapture(e.pointerId); toggle(false); seek(e, true); });
   line.addEventListener("pointermove", (e) => { if (e.buttons) seek(e, false); });
-  viewer.renderer.domElement.addEventListener("click", (e) => { // on a fingertip
-    const p = new dh.Vector();
-    const far = data.tips.map(({ path, p: tip }) => {
-      p.set(...tip).applyMatrix4(node(path).matrixWorld).project(viewer.camera);
-      return Math.hypot((p.x + 1) / 2 * innerWidth - e.clientX, (1 - p.y) / 2 * innerHeight - e.clientY);
-    });
+  const pane = viewer.renderer.domElement.parentElement; // it captures the pointer, so clicks go to it
+  pane.addEventListener("click", (e) => { // on a fingertip
+    const far = data.tips.map(dh.place).map(([x, y]) => Math.hypot(x - e.clientX, y - e.clientY));
     const nearest = far.indexOf(Math.min(...far));
     if (far[nearest] < 2 * em) dh.pick(nearest);
   });
@@ -119,9 +116,29 @@
   addEventListener("resize", draw);
 
   const now = dh.now = () => animator.actions.reduce((latest, action) => Math.max(latest, action.time), 0);
-  let shown = null, part = -1, playing = null, mixer = null, ended = false;
-  function follow() {
+  // Where frames come slowly, as drawn in software, motion is drawn coarser; what rests is drawn fine.
+  const fine = viewer.renderer.getPixelRatio(), SLOW_MS = 90, COARSEST = .3;
+  let coarse = 1, frame = 0, frames = [];
+  function pace(stamp) {
+    frames = animator.playing ? [...frames.slice(-5), stamp - frame] : [];
+    frame = stamp;
+    const slow = frames.length === 6 && frames.every((ms) => ms > SLOW_MS);
+    const next = !animator.playing ? 1 : slow ? Math.max(COARSEST, .6 * coarse) : coarse;
+    if (next === coarse) return;
+    coarse = next;
+    frames = [];
+    viewer.renderer.setPixelRatio(fine * coarse);
+    viewer.set_dirty();
+  }
+
+  let shown = null, part = -1, playing = null, mixer = null, ended = false, begun = false;
+  function follow(stamp) {
     requestAnimationFrame(follow);
+    pace(stamp);
+    if (!begun) { // what plays is seen from its start
+      begun = dh.ready && animator.actions.length > 0;
+      if (begun) { animator.seek(0); animator.play(); } else if (animator.playing) animator.pause();
+    }
     if (mixer !== animator.mixer) {
       mixer = animator.mixer;
       mixer.addEventListener("finished", () => { ended = true; });
@@ -154,7 +171,7 @@
       `part ${i + 1} of ${data.parts.length}` + (data.parts[i].events.length ? ": " + data.parts[i].events.join(", ") : "");
   }
   draw();
-  follow();
+  follow(0);
   dh.overlay();
   dh.settle([0, 1, 2, 3, 4].map((k) => k * data.duration / 4));
 })();

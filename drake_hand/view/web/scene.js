@@ -115,11 +115,11 @@ const dh = (() => {
     light.shadow.camera.far = away * 2;
     light.shadow.needsUpdate = true;
     node("Lights/SpotLight").visible = true;
-    for (const path of ["stage/contacts", "stage/forces", "stage/ways", "stage/ghost"])
+    for (const path of ["stage/object/contacts", "stage/object/forces", "stage/object/ways", "stage/ways", "stage/ghost"])
       node(path).traverse((o) => { o.castShadow = o.receiveShadow = false; });
   }
   function measure(times) {
-    const roots = ["stage/hand", "stage/object", "stage/forces", "stage/ways"].map(node);
+    const roots = ["stage/hand", "stage/object", "stage/ways"].map(node);
     const before = dh.now ? dh.now() : 0, playing = viewer.animator.playing;
     points = [];
     for (const t of times) {
@@ -154,15 +154,20 @@ const dh = (() => {
     return label;
   });
   let labelled = innerWidth > 700;
+  function place({ path, p }) { // of a point of the scene in the window, in pixels
+    const at = new Vector(...p), o = node(path);
+    o.updateWorldMatrix(true, false);
+    viewer.camera.updateMatrixWorld();
+    at.applyMatrix4(o.matrixWorld).project(viewer.camera);
+    return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
+  }
   function overlay() {
-    const floor = node("floor"), camera = viewer.camera, at = new Vector();
+    const floor = node("floor"), camera = viewer.camera;
     floor.visible = camera.position.y > floor.position.z;
-    named.forEach(({ path, p }, i) => {
+    named.forEach((point, i) => {
+      const [x, y] = place(point);
       labels[i].hidden = !labelled;
-      const tip = node(path);
-      tip.updateWorldMatrix(true, false);
-      at.set(...p).applyMatrix4(tip.matrixWorld).project(camera);
-      labels[i].style.transform = `translate(${(at.x + 1) / 2 * innerWidth + 9}px, ${(1 - at.y) / 2 * innerHeight - 20}px)`;
+      labels[i].style.transform = `translate(${x + 9}px, ${y - 20}px)`;
     });
     const scale = find("#dh-scale");
     if (scale) {
@@ -211,5 +216,5 @@ const dh = (() => {
     addEventListener("keydown", (e) => { if (e.key === "Escape") find("#dh-help").hidden = true; });
     find("#dh-ask").addEventListener("click", help);
   }
-  return { data, find, add, node, Vector, fit, shift, settle, bind, toggle, blocked, overlay, corners, camera: () => look, ready: false };
+  return { data, find, add, node, Vector, place, fit, shift, settle, bind, toggle, blocked, overlay, corners, camera: () => look, ready: false };
 })();
