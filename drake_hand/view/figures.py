@@ -15,13 +15,8 @@ from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view import paper_figures
 from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
-<<<<<<< HEAD
 from drake_hand.view.course import Course, object_turn
-from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save
-=======
-from drake_hand.view.course import Course, turned
 from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
->>>>>>> seen
 
 SAMPLES = 2000
 GAP_MM = 0.1

@@ -57,17 +57,8 @@ def draw_automaton(plan: Plan) -> Figure:
 def draw_coordination(plan: Plan, course: Course) -> Figure:
     """Which finger is active when, above how far the object has turned, or moved where it does not turn (Fig. 12)."""
     s = course.states
-<<<<<<< HEAD
-    angle, _ = object_turn(s)
-    over, label = (
-        (angle, "object angle [deg]; a line is a regrasp while it rests") if angle.any() else (s.t, "time [s]")
-    )
-    figure = column(12 + 8 * len(plan.fingers))
-    axes = list(figure.subplots(len(plan.fingers), 1, sharex=True, squeeze=False)[::-1, 0])
-=======
     used = touching(plan)
     figure, axes = panels(32 + 8 * len(used), len(used) + 1, height_ratios=[1.0] * len(used) + [2.2])
->>>>>>> seen
     active = np.array([[c != "0" for c in part.mode] for part in plan.parts], dtype=float)[s.part]
     for i, ax in zip(reversed(used), axes, strict=False):
         ax.fill_between(s.t, 0, active[:, i], step="post", color=finger_color(i), alpha=0.25, lw=0)
@@ -75,7 +66,7 @@ def draw_coordination(plan: Plan, course: Course) -> Figure:
         ax.set_ylim(-0.1, 1.25)
         ax.set_yticks([0, 1], ["free", "active"])
         ax.set_title(plan.fingers[i], loc="left", pad=2)
-    angle, _ = turned(s)
+    angle, _ = object_turn(s)
     far = 1e3 * np.linalg.norm(s.X_WO[:, :3, 3] - s.X_WO[0, :3, 3], axis=1)
     axes[-1].plot(s.t, angle if angle.any() else far, color="0.2")
     axes[-1].set_ylabel("object\n[deg]" if angle.any() else "object\n[mm]")

@@ -5,13 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-<<<<<<< HEAD
-from drake_hand.view.keyframes import hold, needed, row_changes
-=======
 from drake_hand import api
 from drake_hand.view import stage
-from drake_hand.view.keyframes import hold, needed, switches
->>>>>>> seen
+from drake_hand.view.keyframes import hold, needed, row_changes
 from drake_hand.view.stage import FRAME_RATE, FRAMES, frame_times, tubes, upright
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda g: np.linalg.norm(g) > 1e-3)
