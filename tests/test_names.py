@@ -43,7 +43,6 @@ FUNCTIONS = {
     "replay": "a plan in physics; a log on the mirror",
     "reset_faults": "of drives, and its command's part",
     "resolve": "a name of a file; a fault's time",
-    "serve": "simulated drives on a bus; physics, in processes of two commands",
     "straight": "kernels and their front",
     "switches": "of the automaton; of a plan's excerpts",
 }
