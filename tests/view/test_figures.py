@@ -46,11 +46,11 @@ def test_formats_are_those_asked_for(sample_plan, tmp_path, capsys):
     command = ["plot", str(tmp_path / "a.plan.json"), "-o", str(tmp_path / "f")]
     assert cli.run([*command, "--format", "tiff"]) == 2
     assert "svg, pdf, png" in capsys.readouterr().err
-    assert cli.run([*command, "--format", "svg,pdf", "--gif", str(tmp_path / "f" / "a.gif")]) == 0
+    assert cli.run([*command, "--format", "svg,pdf", "--gif", str(tmp_path / "a.gif")]) == 0
     written = {f.name for f in (tmp_path / "f").iterdir()}
-    assert {"modes.svg", "modes.pdf", "a.gif"} <= written
+    assert {"modes.svg", "modes.pdf"} <= written
     assert not any(name.endswith(".png") for name in written)
-    assert (tmp_path / "f" / "a.gif").stat().st_size < 2e6
+    assert (tmp_path / "a.gif").stat().st_size < 2e6
 
 
 def test_timeline_has_a_bar_per_finger_and_part(sample_plan):
@@ -64,7 +64,7 @@ def test_contact_gap_is_the_distance_of_tip_and_point(sample_plan, course):
     figure = figures.draw_contacts(sample_plan, course)
     lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].get_lines()}
     assert np.nanmax(lines["thumb"]) < 1e-3
-    assert np.isnan(lines["little"]).all()
+    assert "little" not in lines, "it touches nothing"
 
 
 def test_speeds_are_shares_of_the_limit(sample_plan, hand, course):
@@ -118,9 +118,9 @@ def test_replay_errors_show_each_engine_and_who_dropped(sample_plan):
 
     figure = draw_replay_errors(sample_plan, {"drake": run(False, 0.5), "mujoco": run(True, 30.0)})
     position, _, turn = figure.axes
-    drake, mujoco = (line for line in position.get_lines() if len(line.get_xdata()) == 2 and line.get_xdata()[0] == 1)
-    assert [drake.get_label(), mujoco.get_label()] == ["drake", "mujoco, dropped"]
-    assert list(drake.get_ydata()) == [0.01, 0.5]
+    lines = {line.get_label(): line for line in position.get_lines()}
+    assert list(lines["drake"].get_ydata()) == [0.01, 0.5]
+    assert list(lines["mujoco, dropped"].get_ydata()) == [0.01, 30.0]
     assert list(turn.get_lines()[0].get_ydata()) == [0.1, 0.3]
 
 
