@@ -41,8 +41,8 @@ INSIDE = 0.98
 """Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
 FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
-STARTS = 6
-"""Start poses searched from."""
+SEARCHES = 6
+"""Worked on in turn, of those from the most promising starts."""
 GAITS = 3
 """Start poses for which a periodic gait is looked for."""
 USABLE = 8
@@ -230,40 +230,51 @@ class Run:
             NoPlanFound: there is none, or no further one.
         """
         failures: list[NoPlanFound] = []
-        attempts: list[Attempt] = []
+        attempts: list[list[Attempt]] = []
         for k, task in enumerate(tasks):
             builder = begun.copy() if begun else self._builder(task)
             try:
                 with self.stage("grasp"):
-                    attempts.append(self._attempt(task, builder, wanted, moving))
+                    attempts.append(self._attempts(task, builder, wanted, moving))
             except NoPlanFound as e:
                 failures.append(e)
             self.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
             if time.monotonic() > self.deadline:
                 break
-        attempts.sort(key=lambda x: -x.search.farthest.score)  # type: ignore[union-attr]
-        for x in attempts[:GAITS]:
+        attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
+        for x, *_ in attempts[:GAITS]:
             end = self._gait(x)
             if end is not None:
                 yield x.task, self._built(x.builder, x.search.moves, end)
-        yield from self._in_turn(attempts[:STARTS], failures)
+        yield from self._in_turn(list(itertools.chain(*attempts))[:SEARCHES], failures)
 
-    def _attempt(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> Attempt:
-        """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
+    def _attempts(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> list[Attempt]:
+        """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
+
+        One is free along the whole way. Where the way has a period, another looks for one to repeat: it pauses on the
+        nominal way after each, which is a burden where none is found.
+        """
         path = self._path(builder.X_WO, moving)
         grasp.check_palm(self.scene, self.clearance, path)
         named = [self.hand.finger(name).index for name in wanted.fingers or ()]
         steps.settle(builder, self.clearance, park(self.clearance, still(builder.X_WO), range(len(self.hand.fingers))))
-        period = Period.of(path, self.clearance.surface, self.clearance.p_OCom)
-        if period is not None:
-            path = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
         moves = self._moves(task, path, frozenset(named or range(len(self.hand.fingers))))
+        q = by_finger(self.hand, builder.q)
+        roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
+        period = Period.of(path, self.clearance.surface, self.clearance.p_OCom)
+        out = [self._search(builder, moves, roots, None)]
+        if period is not None:
+            pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
+            rng = np.random.default_rng(task.options.seed)
+            out.append(self._search(builder, replace(moves, path=pausing, rng=rng), roots, period))
+        return [Attempt(task=task, builder=builder, search=search) for search in out]
+
+    def _search(self, builder: LegBuilder, moves: Moves, roots: list[State], period: Period | None) -> Search:
         search = Search(
             moves=moves, period=period, able=lambda root: self._closed(builder.copy(), root), progress=self.progress
         )
-        q = by_finger(self.hand, builder.q)
-        search.add(grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power"))
-        return Attempt(task=task, builder=builder, search=search)
+        search.add([replace(root) for root in roots])
+        return search
 
     def _closed(self, builder: LegBuilder, root: State) -> bool:
         """Closes the fingers on a grasp, if that can be done without a collision."""
