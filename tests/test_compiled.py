@@ -1,7 +1,6 @@
 """Kernels where the package may not be written, by a user without a home: ready, kept elsewhere, or in memory."""
 
 import os
-import pickle
 import shutil
 import subprocess
 import sys
@@ -68,14 +67,6 @@ def ask(package: Path, tmp: Path, code: str = ASK) -> list[str]:
     job = subprocess.run(command, env=environment, cwd=package.parent.parent, capture_output=True, text=True)
     assert job.returncode == 0, job.stderr
     return job.stdout.split()
-
-
-def test_code_kept_for_types_that_are_gone_is_compiled_anew(package, tmp_path):
-    ask(package, tmp_path)
-    for index in (package / "__pycache__").glob("*.nbi"):
-        version = pickle.loads(index.read_bytes())  # what follows it is as of a class that was moved
-        index.write_bytes(pickle.dumps(version) + b"cdrake_hand.kernel\nGone\n.")
-    assert ask(package, tmp_path)[0] == "0"
 
 
 def test_code_is_kept_beside_the_source(package, tmp_path):

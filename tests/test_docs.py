@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from drake_hand.cli import build
+from drake_hand.cli import build_app
 from drake_hand.plans.task import Options, Physics, Rotate
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +65,7 @@ def test_commands_shown_are_understood(command):
     tokens = shlex.split(command)
     if tokens[0] in ("drives", "execute") and "--drives" not in tokens:
         tokens += ["--drives", "my.drives.yaml"]  # as the page says of its list
-    _, _, left, *_ = build(tokens).parse_known_args(tokens)
+    _, _, left, *_ = build_app(tokens).parse_known_args(tokens)
     assert not left
 
 

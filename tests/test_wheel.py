@@ -46,6 +46,7 @@ def test_wheel_is_what_runs_and_brings_its_data(bin_dir, tmp_path):
     assert {"kanguera", "quartet", "trio"} <= set(hands.split())
 
 
+@pytest.mark.slow
 def test_wheel_plans_checks_and_shows_a_bundled_task(bin_dir, tmp_path):
     answer = run(bin_dir, tmp_path, "drake-hand", "plan", "carry", "-o", "carry.plan.json", "--json")
     assert json.loads(answer)["status"] == "certified"

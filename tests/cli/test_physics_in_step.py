@@ -33,6 +33,7 @@ def played(file, capsys, *options):
     return status, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_grasp_handed_over_and_carried_a_little(carry, capsys, tmp_path):
     """The fingers close on an object that a person holds, who lets go; nothing else does."""
     log = tmp_path / "x.run.npz"
@@ -76,6 +77,7 @@ def stopped_by(file, mishap: Mishap, at_s: float) -> tuple[str, float]:
     return fault.text, float(run.record.plan_time[run.record.playing][-1]) - when[0]
 
 
+@pytest.mark.slow
 def test_an_object_that_is_taken_away_is_missed_within_a_fifth_of_a_second(carry):
     words, after_s = stopped_by(carry, Mishap(kind="object_taken"), 4.3)
     assert words == "the object is gone: no finger presses in part 1"

@@ -138,7 +138,7 @@ def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch,
 
 def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1 2 3 4")
-    monkeypatch.setattr("drake_hand.view.show.serve", lambda page, announce: announce("http://localhost:7003/"))
+    monkeypatch.setattr("drake_hand.view.show.serve_page", lambda page, announce: announce("http://localhost:7003/"))
     assert cli.run(["show", str(plan_file)]) == 0
     assert "ssh -L 7003:localhost:7003 " in capsys.readouterr().out
 

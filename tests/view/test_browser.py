@@ -53,6 +53,7 @@ def text(tab, selector: str) -> str:
     return tab.locator(selector).text_content()
 
 
+@pytest.mark.slow
 def test_a_plan_plays_shows_mode_and_time_and_answers_keys_and_clicks(browser, plan_page):
     with opened(browser, plan_page, size=(900, 620)) as tab:
         tab.wait_for_function("dh.now() > 0 && document.querySelector('#dh-play').textContent === '\u275a\u275a'")
@@ -103,6 +104,7 @@ def test_a_plan_plays_shows_mode_and_time_and_answers_keys_and_clicks(browser, p
         tab.wait_for_function("viewer.animator.playing && dh.now() < 3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size", [pytest.param((390, 844), id="phone"), (1000, 700), pytest.param((1920, 1080), id="projector")]
 )
@@ -124,6 +126,7 @@ def test_the_hand_fills_what_card_and_timeline_leave(browser, plan_page, size):
     assert max(np.ptp(rows) / scene.shape[0], np.ptp(columns) / scene.shape[1]) > 0.55
 
 
+@pytest.mark.slow
 def test_motion_is_drawn_coarser_where_frames_come_slowly_and_what_rests_fine(browser, plan_page):
     with opened(browser, plan_page) as tab:
         tab.wait_for_function(READY)
@@ -138,6 +141,7 @@ def test_motion_is_drawn_coarser_where_frames_come_slowly_and_what_rests_fine(br
         tab.wait_for_function(f"viewer.renderer.getPixelRatio() === {fine}")
 
 
+@pytest.mark.slow
 def test_a_replay_shows_what_happened_beside_what_was_planned(browser, folder):
     plan = held_plan(hold="kinematic")  # dropped
     with opened(browser, saved(render_replay(plan, *replay(plan, contact="point")), folder / "replay.html")) as tab:
