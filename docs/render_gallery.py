@@ -11,15 +11,14 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-from render_picture import pictures, save
+from render_picture import pictures
 
 from drake_hand.cli.verdict import print_plan
 from drake_hand.files import data_dir
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view.figures import drawings
-from drake_hand.view.style import in_print
-from drake_hand.view.style import save as save_figure
+from drake_hand.view.style import in_print, save
 
 HERE = Path(__file__).parent
 FIGURES = {
@@ -103,8 +102,8 @@ if __name__ == "__main__":
         for name in drawn:
             draw = drawings(plans[name], Hand.load(plans[name].task.hand))
             for figure in FIGURES[name]:
-                save_figure(draw[figure](), HERE / "gallery", f"{name}_{figure}", ["png"])
+                save(draw[figure](), HERE / "gallery", f"{name}_{figure}", ["png"])
     shown = [(plans[name], moment(plans[name])) for name in drawn]
     for name, image in zip(drawn, pictures(shown, fineness=1.0), strict=True):
-        save(image, HERE / "gallery" / f"{name}.png")
+        image.save(HERE / "gallery" / f"{name}.png", optimize=True)
     (HERE / "gallery.md").write_text(HEAD + "".join(section(n, p) for n, p in plans.items()), encoding="utf-8")

@@ -47,7 +47,7 @@ def pictures(
 
 
 def _at(tab: Page, t: float) -> Image.Image:
-    tab.wait_for_function("dh.ready && dh.now() > 0")
+    tab.wait_for_function("dh.begun")
     tab.evaluate(f"viewer.animator.pause(); viewer.animator.seek({t})")
     tab.wait_for_function(f"document.querySelector('#dh-time').textContent === '{t:.2f} s'")
     tab.evaluate(
@@ -66,12 +66,7 @@ def beside(images: Sequence[Image.Image]) -> Image.Image:
     return whole
 
 
-def save(image: Image.Image, file: Path) -> None:
-    """Writes a picture in 128 colours, a third of the size."""
-    image.quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
-
-
 if __name__ == "__main__":
     target, *asked = sys.argv[1:]
     pairs = [name.rpartition("@") for name in asked]
-    save(beside(list(pictures([(Plan.load(Path(file)), float(t)) for file, _, t in pairs]))), Path(target))
+    beside(list(pictures([(Plan.load(Path(file)), float(t)) for file, _, t in pairs]))).save(target, optimize=True)

@@ -16,11 +16,11 @@ from drake_hand.plans.task import Task
 from drake_hand.view.page import Page
 from drake_hand.view.replay import render_replay
 from tests.verify.held import held_plan
-from tests.view.browser import drawn, needs_chromium, opened, picture
+from tests.view.browser import FINENESS, drawn, needs_chromium, opened, picture
 
 pytestmark = needs_chromium
 
-READY = "dh.ready && dh.now() > 0"
+READY = "dh.begun"
 
 
 @pytest.fixture(scope="module")
@@ -130,15 +130,16 @@ def test_the_hand_fills_what_card_and_timeline_leave(browser, plan_page, size):
 def test_motion_is_drawn_coarser_where_frames_come_slowly_and_what_rests_fine(browser, plan_page):
     with opened(browser, plan_page) as tab:
         tab.wait_for_function(READY)
-        fine = tab.evaluate("viewer.animator.pause(), viewer.renderer.getPixelRatio()")
+        seek(tab, 1.0)
+        tab.wait_for_function(f"viewer.renderer.getPixelRatio() === {FINENESS}")
         tab.evaluate(  # a machine that needs 200 ms a frame
             "(() => { const draw = viewer.renderer.render;"
             " viewer.renderer.render = function (...a) { const t = Date.now(); while (Date.now() < t + 200);"
             " draw.apply(this, a); }; document.querySelector('#dh-loop').click(); viewer.animator.play(); })()"
         )
-        tab.wait_for_function(f"viewer.renderer.getPixelRatio() < {0.7 * fine}")
+        tab.wait_for_function(f"viewer.renderer.getPixelRatio() < {0.7 * FINENESS}")
         tab.keyboard.press(" ")
-        tab.wait_for_function(f"viewer.renderer.getPixelRatio() === {fine}")
+        tab.wait_for_function(f"viewer.renderer.getPixelRatio() === {FINENESS}")
 
 
 @pytest.mark.slow

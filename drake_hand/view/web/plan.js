@@ -120,9 +120,9 @@
   const fine = viewer.renderer.getPixelRatio(), SLOW_MS = 90, COARSEST = .3;
   let coarse = 1, frame = 0, frames = [];
   function pace(stamp) {
-    frames = animator.playing ? [...frames.slice(-5), stamp - frame] : [];
+    frames = animator.playing ? [...frames.slice(-2), stamp - frame] : [];
     frame = stamp;
-    const slow = frames.length === 6 && frames.every((ms) => ms > SLOW_MS);
+    const slow = frames.length === 3 && frames.every((ms) => ms > SLOW_MS);
     const next = !animator.playing ? 1 : slow ? Math.max(COARSEST, .6 * coarse) : coarse;
     if (next === coarse) return;
     coarse = next;
@@ -131,13 +131,13 @@
     viewer.set_dirty();
   }
 
-  let shown = null, part = -1, playing = null, mixer = null, ended = false, begun = false;
+  let shown = null, part = -1, playing = null, mixer = null, ended = false;
   function follow(stamp) {
     requestAnimationFrame(follow);
     pace(stamp);
-    if (!begun) { // what plays is seen from its start
-      begun = dh.ready && animator.actions.length > 0;
-      if (begun) { animator.seek(0); animator.play(); } else if (animator.playing) animator.pause();
+    if (!dh.begun) { // what plays is seen from its start
+      dh.begun = dh.ready && animator.actions.length > 0;
+      if (dh.begun) { animator.seek(0); animator.play(); } else if (animator.playing) animator.pause();
     }
     if (mixer !== animator.mixer) {
       mixer = animator.mixer;
