@@ -1,5 +1,6 @@
 """A hand-made plan: reach for a resting pencil, hold it, lift the index finger. Good to look at; proves nothing."""
 
+import signal
 from pathlib import Path
 
 import msgspec
@@ -37,6 +38,9 @@ def _part(mode: str, events: list[str], t0: float, q0: np.ndarray, q1: np.ndarra
         },
         q_offset=np.zeros((len(s), hand.nq)).tolist(),
     )
+
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background ignores it, and its children do
 
 
 def pytest_collection_modifyitems(items):
