@@ -3,6 +3,7 @@
 PAGE = """<!doctype html>
 <meta charset="utf-8">
 <title>drake_hand mirror</title>
+<link rel="icon" href="data:,">
 <style>
   body { margin: 0; display: flex; height: 100vh; font: 13px/1.45 system-ui, sans-serif; color: #222; }
   iframe { flex: 1; border: 0; }

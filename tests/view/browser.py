@@ -40,7 +40,7 @@ def opened(browser, uri: str, *, size: tuple[int, int] = (1000, 700)) -> Iterato
     tab.goto(uri, wait_until="domcontentloaded")
     yield tab
     tab.close()
-    assert problems == []
+    assert not problems, problems
     served = uri.partition("/lab")[0] if uri.startswith("http") else "file:"
     elsewhere = [url for url in asked if not url.startswith((served, "data:", "blob:", "about:"))]
     assert elsewhere == [], "the page needs no network"
