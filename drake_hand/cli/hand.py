@@ -88,7 +88,7 @@ def init(urdf: Path, /, *, output: Output, json: bool = False) -> int:
         output: the hand file to write, *.hand.yaml.
         json: print one JSON object on stdout.
     """
-    from drake_hand.model.check import write_proposal as write_proposal
+    from drake_hand.model.check import write_proposal
 
     proposal = write_proposal(urdf, output)
     if json:
@@ -111,7 +111,7 @@ def convert(urdf: Path, /, *, output: Output, json: bool = False) -> int:
         output: a folder other than the model's.
         json: print one JSON object on stdout.
     """
-    from drake_hand.model.readable import write_readable as write_readable
+    from drake_hand.model.readable import write_readable
 
     report = write_readable(urdf, output)
     if json:

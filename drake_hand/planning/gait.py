@@ -19,6 +19,8 @@ from drake_hand.planning.holding import Holding
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.state import State, Stroke, Switch
+from drake_hand.planning.strokes import carried
+from drake_hand.planning.switches import switch_to
 
 STROKES = (36, 28, 20, 14, 10)
 """Ticks a gait may advance before it steps back, the longest first."""
@@ -136,7 +138,7 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Sta
         for b, h in zip(births, gait.holds, strict=True):
             posture[:, h.finger, : h.q.shape[1]] = h.q[ticks - b]
         X = np.ascontiguousarray(moves.path.X_WO[ticks, :3])
-        if not steps and moves.carried(state, float(end), state.off) is None:
+        if not steps and carried(moves, state, float(end), state.off) is None:
             return None
         move = Stroke(X=X, q=posture)
         state = State(
@@ -154,7 +156,7 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Sta
             )  # fmt: skip
             if after.move is None:
                 moves.evaluate([state, after])
-                switch = moves.switch(state, after, h.finger)
+                switch = switch_to(moves, state, after, h.finger)
                 if switch is None:
                     return None
                 after.move = steps[slot] = switch

@@ -12,6 +12,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.switches import ways_of
 from drake_hand.plans.path import Leg
 
 
@@ -131,7 +132,7 @@ def follow(builder: LegBuilder, moves: Moves, states: list[State]) -> None:
 
 
 def _switch(builder: LegBuilder, moves: Moves, before: State, after: State, finger: int) -> None:
-    ways = moves.ways(before, after)
+    ways = ways_of(moves, before, after)
     if before.touching[finger]:
         builder.regrasps += bool(after.touching[finger])
         builder.dwell()

@@ -1,12 +1,10 @@
-"""What can be done from a state: strokes of the object, and switches of single fingers, in compiled batches.
+"""`Moves`: what moves along one nominal way are drawn from, and what states are worth, in compiled batches.
 
-Proposals are drawn at random and followed as far as they last; what is kept has been tested for balance, limits and
-clearances all the way, transits included.
+The moves themselves are strokes (`strokes.py`) and switches (`switches.py`).
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,30 +14,11 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear, hold, stroke, transit
 from drake_hand.planning.kernels.world import Load, World
 from drake_hand.planning.object_path import TICK_DEG, TICK_M, ObjectPath
-from drake_hand.planning.state import State, Stroke, Switch, whole
-from drake_hand.planning.transit import LIFTS, STEP, Surroundings, detour, lift
+from drake_hand.planning.state import State
 from drake_hand.planning.world import Grid, split
 
-STROKES = 24
-"""Strokes drawn for a state."""
-SHORTEST, LONGEST = 4, 36
-"""Progress they are drawn from, ticks."""
-BEST = 10
-"""Of those that get on, how many are kept."""
-STEPS = 60
-"""Poses of a stroke at most."""
-SPREAD_RAD, SPREAD_M = np.radians(5.0), 5.0e-3
-"""Standard deviation of the offset that a stroke adds."""
-TESTED = 3
-"""Balance is tested every so many poses."""
 LOOK, COARSE = 7, 2.5
 """How far contacts are looked ahead, steps, and the length of a step, ticks."""
-POINTS = 200
-"""Surface points a switching finger is offered."""
-TRIED, KEPT = 14, 4
-"""Of those, contacts tried and kept."""
-LEAST_ROOM = 0.12
-"""A new contact has to roll on at least so far, of 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +39,7 @@ class Corridor:
 
 @dataclass(kw_only=True)
 class Moves:
-    """The moves along one nominal way, with the fingers that may be used."""
+    """One nominal way, the fingers that may be used along it, and what states and contacts are worth on it."""
 
     clearance: Clearance
     world: World
@@ -73,269 +52,6 @@ class Moves:
     allowed: Callable[[frozenset[int]], bool]
     """Whether the mode with these fingers in contact may be used."""
     rng: np.random.Generator
-    rows: int = 0
-    """Poses of strokes worked out so far, over all rows."""
-
-    # -- strokes
-
-    def strokes(self, state: State) -> list[State]:
-        """The states that strokes from here lead to, each as far as it lasts; those that get on best."""
-        found = self._towards(state, *self._targets(state))
-        still = [x for x in found if x.s <= state.s]
-        return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:BEST]
-
-    def carried(self, state: State, s: float, off: np.ndarray) -> State | None:
-        """The state with the object at progress s and an offset (6,), if one stroke gets there."""
-        if s == state.s and np.array_equal(off, state.off):
-            return state
-        found = self._towards(state, np.array([s]), off[None])
-        return found[0] if found and found[0].s == s and np.array_equal(found[0].off, off) else None
-
-    def _towards(self, state: State, s: np.ndarray, off: np.ndarray) -> list[State]:
-        """How far strokes to progress s (N,) and offsets (N, 6) get."""
-        K = np.ceil(np.maximum(s - state.s, offset_ticks(off - state.off)) - 1e-9).astype(np.int64)
-        some = (K > 0) & (K <= STEPS)
-        s, off, K = s[some], off[some], K[some]
-        if not len(K):
-            return []
-        share = np.minimum(np.arange(K.max() + 1) / K[:, None], 1.0)
-        X = self.path.beside(
-            state.s + share * (s - state.s)[:, None], state.off + share[..., None] * (off - state.off)[:, None]
-        )
-        q, length = self._roll(X, K, [state] * len(K))
-        out = []
-        for i, done in enumerate(length):
-            if not done:
-                continue
-            part, whole = done / K[i], done == K[i]
-            out.append(
-                _after(
-                    state,
-                    s=float(s[i]) if whole else float(state.s + part * (s[i] - state.s)),
-                    off=off[i] if whole else state.off + part * (off[i] - state.off),
-                    move=Stroke(X=X[i, : done + 1], q=q[i, : done + 1]),
-                )
-            )
-        return out
-
-    def _targets(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Progress (N,) and offset (N, 6) that strokes aim at; the end of a step is met without an offset."""
-        rng, stop = self.rng, self.path.next_stop(state.s)
-        s = state.s + rng.uniform(SHORTEST, LONGEST, STROKES)
-        noise = np.concatenate([rng.normal(0, SPREAD_RAD, (STROKES, 3)), rng.normal(0, SPREAD_M, (STROKES, 3))], axis=1)
-        off = self.corridor.clipped(state.off + noise)
-        # Some only improve the pose, some keep it, some go straight for the end.
-        s[:4] = state.s
-        s[4:6] = state.s + LONGEST
-        off[4], off[5:9] = 0.0, state.off
-        if stop - state.s < LONGEST:
-            s[9:12] = stop
-        s = np.minimum(s, stop)
-        off[(s >= stop) & (s > state.s)] = 0.0
-        if state.s >= stop:
-            off[:2] = 0.0
-        return s, off
-
-    def onward(self, states: list[State]) -> list[State]:
-        """The last states that those on the nominal way, at a tick, get to along it without a switch."""
-        states = [x for x in states if not x.off.any() and x.s < self.path.ticks]
-        if not states:
-            return []
-        start = np.array([round(x.s) for x in states])
-        K = self.path.ticks - start
-        X = self.path.X_WO[np.minimum(start[:, None] + np.arange(K.max() + 1), self.path.ticks), :3]
-        q, length = self._roll(np.ascontiguousarray(X), K, states)
-        out = []
-        for i, state in enumerate(states):
-            end = int(start[i] + length[i])
-            stops = [stop for stop in self.path.stops if start[i] < stop < end]
-            for a, b in itertools.pairwise([int(start[i]), *stops, end] if length[i] else []):
-                rows = slice(a - start[i], b - start[i] + 1)
-                move = Stroke(X=X[i, rows], q=q[i, rows])
-                state = _after(state, s=float(b), off=state.off, move=move)
-            if length[i]:
-                out.append(state)
-        return out
-
-    def _roll(self, X: np.ndarray, K: np.ndarray, states: list[State]) -> tuple[np.ndarray, np.ndarray]:
-        """Carries states along ways X (N, most + 1, 3, 4) of K (N,) steps.
-
-        Returns:
-            Postures (N, most + 1, n, m), and how many steps of each can be made (N,).
-        """
-        N = len(K)
-        q = np.zeros((*X.shape[:2], *states[0].q.shape))
-        length, why, who = np.zeros((3, N), dtype=np.int64)
-        q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
-
-        def run(r: slice) -> None:
-            stroke.strokes(
-                self.world, self.load, X[r], K[r], q0[r], touching[r], TESTED, q[r], length[r], why[r], who[r]
-            )
-
-        split(run, N, least=12)
-        self.rows += int(length.sum())
-        return q, length
-
-    # -- switches
-
-    def switches(self, state: State, finger: int) -> list[State]:
-        """The states in which a finger has made contact elsewhere, the most promising first."""
-        touches = bool(state.touching[finger])
-        whole = frozenset(np.flatnonzero(state.touching).tolist())
-        if touches and (state.margins[finger] < 0 or not self.allowed(whole - {finger})):
-            return []
-        if finger not in self.fingers or not self.allowed(whole | {finger}):
-            return []
-        q, _, n_W = self.contacts(finger, state.X, POINTS)
-        room = self.rooms(
-            np.full(len(q), finger), q, *self.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
-        )
-        order = np.argsort(-(room + self.rng.uniform(0, 0.3, len(room))), kind="stable")[:TRIED]
-        order = order[room[order] > LEAST_ROOM]
-        posture = np.repeat(state.q[None], len(order), axis=0)
-        posture[:, finger] = q[order]
-        touching = np.repeat(state.touching[None], len(order), axis=0)
-        touching[:, finger] = True
-        order, posture = (x[self.clear(state.X, posture, touching)] for x in (order, posture))
-        out = [
-            State(
-                s=state.s,
-                off=state.off,
-                X=state.X,
-                q=row,
-                touching=touching[0],
-                regrasps=state.regrasps + touches,
-                parent=state,
-            )
-            for row in posture
-        ]
-        rooms = np.repeat(state.room[None], len(out), axis=0)
-        rooms[:, finger] = room[order]
-        self.evaluate(out, rooms)
-        best = sorted((i for i, x in enumerate(out) if x.margins[-1] >= 0), key=lambda i: -out[i].score)
-        kept: list[State] = []
-        for some in (best[i : i + KEPT] for i in range(0, len(best), KEPT)):
-            found = self._transits(state, finger, q[order[some]], n_W[order[some]])
-            for i, (height, landing, stop) in zip(some, found.tolist(), strict=True):
-                if height >= 0:
-                    out[i].move = Switch(finger=finger, height=height, landing=landing, stop=stop - 1)
-                    kept.append(out[i])
-            if len(kept) >= KEPT:
-                break
-        return kept[:KEPT]
-
-    def retreats(self, state: State, finger: int) -> list[State]:
-        """The states in which a finger waits elsewhere, off the object."""
-        touches = bool(state.touching[finger])
-        rest = frozenset(np.flatnonzero(state.touching).tolist()) - {finger}
-        if touches and (state.margins[finger] < 0 or not self.allowed(rest)):
-            return []
-        stops = self.grid.stops[finger]
-        found = np.full(len(stops), -1, dtype=np.int64)
-        normal = state.n_W[finger]
-        transit.retreats(
-            self.world, finger, state.X, state.q, state.q[finger], touches, normal, HEIGHTS, stops, STEP, found
-        )
-        out = []
-        for v in np.flatnonzero(found >= 0)[:KEPT]:
-            q, touching = state.q.copy(), state.touching.copy()
-            q[finger], touching[finger] = stops[v], False
-            if np.array_equal(q, state.q):
-                continue
-            move = Switch(finger=finger, height=int(found[v]), landing=-1, stop=int(v))
-            out.append(
-                State(
-                    s=state.s,
-                    off=state.off,
-                    X=state.X,
-                    q=q,
-                    touching=touching,
-                    regrasps=state.regrasps,
-                    parent=state,
-                    move=move,
-                )
-            )
-        self.evaluate(out)
-        return [x for x in out if x.margins[-1] >= 0]
-
-    def between(self, before: State, after: State, finger: int) -> Switch | None:
-        """The move of a finger to where it is in another state: to a contact, or to where it waits."""
-        return self.switch(before, after, finger) if after.touching[finger] else self._retreat(before, after, finger)
-
-    def _retreat(self, before: State, after: State, finger: int) -> Switch | None:
-        """The move of a finger to where it waits."""
-        found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
-        touches, normal = bool(before.touching[finger]), before.n_W[finger]
-        args = self.world, finger, before.X, before.q, before.q[finger], touches, normal
-        transit.retreats(*args, HEIGHTS, stop, STEP, found)
-        if found[0] < 0:
-            return None
-        pieces, start = [], before.q[finger]
-        if touches:
-            pieces.append(self._lift(before, finger, start, normal, int(found[0])))
-            start = pieces[0][-1]
-        pieces.append(_straight(start, after.q[finger]))
-        m = len(self.clearance.kinematics[finger].lower)
-        return Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
-
-    def _transits(self, state: State, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
-        """(N, 3) as `transit.transits` finds them."""
-        found = np.zeros((len(q), 3), dtype=np.int64)
-        touches = bool(state.touching[finger])
-        normal = state.n_W[finger]
-        stops = self.grid.stops[finger]
-        args = self.world, finger, state.X, state.q, state.q[finger], touches, normal, q, n_W
-        transit.transits(*args, HEIGHTS, stops, STEP, found)
-        return found
-
-    def switch(self, before: State, after: State, finger: int) -> Switch | None:
-        """The move of a finger that touches in both states, by a roadmap where no quicker way is found."""
-        old, new = before.q[finger], after.q[finger]
-        found = self._transits(before, finger, new[None], after.n_W[finger][None])[0]
-        if found[0] >= 0:
-            return Switch(finger=finger, height=int(found[0]), landing=int(found[1]), stop=int(found[2]) - 1)
-        fingers, X = self.clearance.hand.fingers, np.vstack([before.X, [0.0, 0.0, 0.0, 1.0]])
-        m = len(fingers[finger].columns)
-        posture = whole(self.clearance.hand, before.q)
-        around = Surroundings.of(self.clearance, posture, X, finger)
-        normals = np.stack([before.n_W[finger], after.n_W[finger]])
-        for height in LIFTS:
-            (up, down), able = lift(around, finger, np.stack([old, new])[:, :m], normals, height)
-            if able.all():
-                pieces = detour(around, finger, up[-1], down[-1])
-                ways = None if pieces is None else (up, *pieces, down[::-1])
-                return None if ways is None else Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=ways)
-        return None
-
-    def ways(self, before: State, after: State) -> tuple[np.ndarray, ...]:
-        """The pieces (k, m) of the way of a switch: lift, travel and landing, as many of them as it has."""
-        move = after.move
-        assert isinstance(move, Switch)
-        if move.ways is not None:
-            return move.ways
-        f, m = move.finger, len(self.clearance.kinematics[move.finger].lower)
-        pieces: list[np.ndarray] = []
-        points = [before.q[f]]
-        if before.touching[f]:
-            pieces.append(self._lift(before, f, before.q[f], before.n_W[f], move.height))
-            points = [pieces[0][-1]]
-        if move.stop >= 0:
-            points.append(self.grid.stops[f][move.stop])
-        down = None
-        if move.landing >= 0:
-            down = self._lift(before, f, after.q[f], after.n_W[f], move.landing)[::-1]
-            points.append(down[0])
-        pieces += [_straight(a, b) for a, b in itertools.pairwise(points)]
-        pieces += [down] if down is not None else []
-        return tuple(piece[:, :m] for piece in pieces)
-
-    def _lift(self, state: State, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
-        way = np.zeros((transit.KNOTS, len(q)))
-        transit.lift_way(self.world, finger, state.X, state.q, q, n_W, LIFTS[height], way)
-        return way
-
-    # -- what states are worth
 
     def evaluate(self, states: list[State], rooms: np.ndarray | None = None) -> None:
         """Works out room, margins and score of states; `rooms` (N, n) where they are known."""
@@ -415,31 +131,7 @@ class Moves:
         return able
 
 
-def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The straight way (k, m) in joint space."""
-    n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
-    return a + np.linspace(0, 1, n)[:, None] * (b - a)
-
-
 def offset_ticks(off: np.ndarray) -> np.ndarray:
     """(...) how many ticks it takes to bring offsets (..., 6) to zero."""
     turn, shift = np.linalg.norm(off[..., :3], axis=-1), np.linalg.norm(off[..., 3:], axis=-1)
     return np.maximum(turn / np.radians(TICK_DEG), shift / TICK_M)
-
-
-def _after(state: State, *, s: float, off: np.ndarray, move: Stroke) -> State:
-    """The state after a stroke."""
-    return State(
-        s=s,
-        off=off,
-        X=move.X[-1],
-        q=move.q[-1],
-        touching=state.touching,
-        regrasps=state.regrasps,
-        parent=state,
-        move=move,
-    )
-
-
-HEIGHTS = np.array(LIFTS)
-"""Of lifts, m."""

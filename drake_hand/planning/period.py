@@ -18,6 +18,7 @@ from drake_hand.contact.surface import SAME_M, Surface
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.switches import switch_between
 
 SHORTEST = np.radians(40.0)
 """Of periods: about as far as a finger carries an object before it has to step back."""
@@ -133,7 +134,7 @@ def returned(moves: Moves, x: State, target: State) -> State | None:
             j = i | 1 << bit
             if j == i or j in dead or not able[j] or (some[i].touching[f] and some[i].margins[f] < 0):
                 continue
-            move = moves.between(some[i], some[j], f)
+            move = switch_between(moves, some[i], some[j], f)
             if move is not None:
                 both = some[i].touching[f] and some[j].touching[f]
                 some[j].parent, some[j].move, some[j].regrasps = some[i], move, some[i].regrasps + bool(both)

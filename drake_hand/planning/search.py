@@ -20,6 +20,8 @@ from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
 from drake_hand.planning.state import State
+from drake_hand.planning.strokes import draw_strokes, onward
+from drake_hand.planning.switches import draw_retreats, draw_switches
 
 BIN = 2.0
 """Ticks of progress that share a bin."""
@@ -153,7 +155,7 @@ class Search:
 
     def _children(self, state: State) -> list[State]:
         rng = self.moves.rng
-        children = self.moves.strokes(state)
+        children = draw_strokes(self.moves, state)
         self.moves.evaluate(children)
         urge = np.where(state.touching, state.room, 0.5) + rng.uniform(0, 0.5, len(state.touching))
         urge[[f not in self.moves.fingers for f in range(len(urge))]] = np.inf
@@ -162,12 +164,12 @@ class Search:
         able = (state.margins[:-1] >= 0) | ~state.touching
         fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])][:SWITCHED]
         for f in fingers:
-            children += self.moves.switches(state, f)
+            children += draw_switches(self.moves, state, f)
         unwanted = [] if self.wanted is None else [f for f in np.flatnonzero(state.touching) if f not in self.wanted]
         if unwanted:
-            children += self.moves.retreats(state, int(rng.choice(unwanted)))
+            children += draw_retreats(self.moves, state, int(rng.choice(unwanted)))
         elif rng.random() < RETREAT:
-            children += self.moves.retreats(state, int(rng.integers(len(state.touching))))
+            children += draw_retreats(self.moves, state, int(rng.integers(len(state.touching))))
         return children
 
     def _repeated(self, children: list[State]) -> list[State]:
@@ -179,7 +181,7 @@ class Search:
 
     def _first(self) -> list[State]:
         """Where the roots get to along the nominal way."""
-        reached = self.moves.onward([x for states in self._bins.values() for x in states if x.parent is None])
+        reached = onward(self.moves, [x for states in self._bins.values() for x in states if x.parent is None])
         self.moves.evaluate(reached)
         return reached
 

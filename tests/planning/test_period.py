@@ -9,6 +9,7 @@ from drake_hand.model.object import Object
 from drake_hand.planning import grasp, period
 from drake_hand.planning.period import Period, counts
 from drake_hand.planning.state import Stroke
+from drake_hand.planning.strokes import carried
 from tests.planning.small import moves, path, turn, waiting
 
 Z, HERE = np.array([0.0, 0.0, 1.0]), np.zeros(3)
@@ -52,7 +53,7 @@ def twice():
         period.SHORTEST = before
     assert p.count == 3
     for root in grasp.roots(m, waiting("quartet"), every=False, most=False):
-        x = m.carried(root, float(p.ticks), root.off)
+        x = carried(m, root, float(p.ticks), root.off)
         if x is not None and x.s == p.ticks:
             m.evaluate([x])
             end = p.completed(m, x)

@@ -12,6 +12,7 @@ from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import State
+from drake_hand.planning.strokes import draw_strokes, onward
 from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
 
 HAND, PENCIL = "quartet", "pencil_r8"
@@ -51,7 +52,7 @@ def test_grasps_balance_the_object_and_are_clear():
 def test_grasps_that_last_all_the_way_come_first():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 12.0)))
     first = roots(m)[0]
-    (end,) = m.onward([first])
+    (end,) = onward(m, [first])
     assert end.s == m.path.ticks
     assert end.regrasps == 0
 
@@ -128,7 +129,7 @@ def test_strokes_stay_in_the_corridor_and_meet_a_stop_without_an_offset():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0), move(0.0, 6.0, 0.0)))
     stopped = 0
     for root in roots(m)[:6]:
-        for x in m.strokes(root):
+        for x in draw_strokes(m, root):
             assert np.linalg.norm(x.off[:3]) <= m.corridor.rad + 1e-9
             assert np.linalg.norm(x.off[3:]) <= m.corridor.m + 1e-9
             assert x.s <= m.path.stops[0], "no stroke goes through a stop"

@@ -11,6 +11,7 @@ from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit
 from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
+from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
 from drake_hand.planning.transit import MOVING, STEP, Surroundings
 from drake_hand.planning.world import load
 from tests.planning.small import (
@@ -203,9 +204,9 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
     checked = 0
     for before in states[:8]:
         for f in range(4):
-            for after in [*m.switches(before, f), *m.retreats(before, f)]:
+            for after in [*draw_switches(m, before, f), *draw_retreats(m, before, f)]:
                 q = np.concatenate([before.q[k][: len(c.kinematics[k].lower)] for k in range(4)])
-                around, pieces = Surroundings.of(c, q, X, f), m.ways(before, after)
+                around, pieces = Surroundings.of(c, q, X, f), ways_of(m, before, after)
                 np.testing.assert_allclose(pieces[0][0], before.q[f])
                 np.testing.assert_allclose(pieces[-1][-1], after.q[f])
                 lifted, landed = bool(before.touching[f]), bool(after.touching[f])

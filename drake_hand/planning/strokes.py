@@ -1,0 +1,144 @@
+"""Strokes from a state: the object moves on along ways drawn at random, every touching finger with it.
+
+A way is followed as far as it lasts: what is kept has been tested for balance, limits and clearances all along.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from drake_hand.planning.kernels import stroke
+from drake_hand.planning.moves import Moves, offset_ticks
+from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.world import split
+
+STROKES = 24
+"""Strokes drawn for a state."""
+SHORTEST, LONGEST = 4, 36
+"""Progress they are drawn from, ticks."""
+BEST = 10
+"""Of those that get on, how many are kept."""
+STEPS = 60
+"""Poses of a stroke at most."""
+SPREAD_RAD, SPREAD_M = np.radians(5.0), 5.0e-3
+"""Standard deviation of the offset that a stroke adds."""
+TESTED = 3
+"""Balance is tested every so many poses."""
+
+
+def draw_strokes(moves: Moves, state: State) -> list[State]:
+    """The states that strokes from here lead to, each as far as it lasts; those that get on best."""
+    found = _towards(moves, state, *_targets(moves, state))
+    still = [x for x in found if x.s <= state.s]
+    return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:BEST]
+
+
+def carried(moves: Moves, state: State, s: float, off: np.ndarray) -> State | None:
+    """The state with the object at progress s and an offset (6,), if one stroke gets there."""
+    if s == state.s and np.array_equal(off, state.off):
+        return state
+    found = _towards(moves, state, np.array([s]), off[None])
+    return found[0] if found and found[0].s == s and np.array_equal(found[0].off, off) else None
+
+
+def _towards(moves: Moves, state: State, s: np.ndarray, off: np.ndarray) -> list[State]:
+    """How far strokes to progress s (N,) and offsets (N, 6) get."""
+    K = np.ceil(np.maximum(s - state.s, offset_ticks(off - state.off)) - 1e-9).astype(np.int64)
+    some = (K > 0) & (K <= STEPS)
+    s, off, K = s[some], off[some], K[some]
+    if not len(K):
+        return []
+    share = np.minimum(np.arange(K.max() + 1) / K[:, None], 1.0)
+    X = moves.path.beside(
+        state.s + share * (s - state.s)[:, None], state.off + share[..., None] * (off - state.off)[:, None]
+    )
+    q, length = _roll(moves, X, K, [state] * len(K))
+    out = []
+    for i, done in enumerate(length):
+        if not done:
+            continue
+        part, whole = done / K[i], done == K[i]
+        out.append(
+            _after(
+                state,
+                s=float(s[i]) if whole else float(state.s + part * (s[i] - state.s)),
+                off=off[i] if whole else state.off + part * (off[i] - state.off),
+                move=Stroke(X=X[i, : done + 1], q=q[i, : done + 1]),
+            )
+        )
+    return out
+
+
+def _targets(moves: Moves, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Progress (N,) and offset (N, 6) that strokes aim at; the end of a step is met without an offset."""
+    rng, stop = moves.rng, moves.path.next_stop(state.s)
+    s = state.s + rng.uniform(SHORTEST, LONGEST, STROKES)
+    noise = np.concatenate([rng.normal(0, SPREAD_RAD, (STROKES, 3)), rng.normal(0, SPREAD_M, (STROKES, 3))], axis=1)
+    off = moves.corridor.clipped(state.off + noise)
+    # Some only improve the pose, some keep it, some go straight for the end.
+    s[:4] = state.s
+    s[4:6] = state.s + LONGEST
+    off[4], off[5:9] = 0.0, state.off
+    if stop - state.s < LONGEST:
+        s[9:12] = stop
+    s = np.minimum(s, stop)
+    off[(s >= stop) & (s > state.s)] = 0.0
+    if state.s >= stop:
+        off[:2] = 0.0
+    return s, off
+
+
+def onward(moves: Moves, states: list[State]) -> list[State]:
+    """The last states that those on the nominal way, at a tick, get to along it without a switch."""
+    states = [x for x in states if not x.off.any() and x.s < moves.path.ticks]
+    if not states:
+        return []
+    start = np.array([round(x.s) for x in states])
+    K = moves.path.ticks - start
+    X = moves.path.X_WO[np.minimum(start[:, None] + np.arange(K.max() + 1), moves.path.ticks), :3]
+    q, length = _roll(moves, np.ascontiguousarray(X), K, states)
+    out = []
+    for i, state in enumerate(states):
+        end = int(start[i] + length[i])
+        stops = [stop for stop in moves.path.stops if start[i] < stop < end]
+        for a, b in itertools.pairwise([int(start[i]), *stops, end] if length[i] else []):
+            rows = slice(a - start[i], b - start[i] + 1)
+            move = Stroke(X=X[i, rows], q=q[i, rows])
+            state = _after(state, s=float(b), off=state.off, move=move)
+        if length[i]:
+            out.append(state)
+    return out
+
+
+def _roll(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[State]) -> tuple[np.ndarray, np.ndarray]:
+    """Carries states along ways X (N, most + 1, 3, 4) of K (N,) steps.
+
+    Returns:
+        Postures (N, most + 1, n, m), and how many steps of each can be made (N,).
+    """
+    N = len(K)
+    q = np.zeros((*X.shape[:2], *states[0].q.shape))
+    length, why, who = np.zeros((3, N), dtype=np.int64)
+    q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
+
+    def run(r: slice) -> None:
+        stroke.strokes(moves.world, moves.load, X[r], K[r], q0[r], touching[r], TESTED, q[r], length[r], why[r], who[r])
+
+    split(run, N, least=12)
+    return q, length
+
+
+def _after(state: State, *, s: float, off: np.ndarray, move: Stroke) -> State:
+    """The state after a stroke."""
+    return State(
+        s=s,
+        off=off,
+        X=move.X[-1],
+        q=move.q[-1],
+        touching=state.touching,
+        regrasps=state.regrasps,
+        parent=state,
+        move=move,
+    )

@@ -1,0 +1,194 @@
+"""Switches from a state: one finger breaks contact, makes it elsewhere, or both; and the ways it goes.
+
+What is kept has been tested for balance and clearances, the way included: lift, travel, landing.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from drake_hand.planning.kernels import transit
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.state import State, Switch, whole
+from drake_hand.planning.transit import LIFTS, STEP, Surroundings, detour, lift
+
+POINTS = 200
+"""Surface points a switching finger is offered."""
+TRIED, KEPT = 14, 4
+"""Of those, contacts tried and kept."""
+LEAST_ROOM = 0.12
+"""A new contact has to roll on at least so far, of 1."""
+HEIGHTS = np.array(LIFTS)
+"""Of lifts, m."""
+
+
+def draw_switches(moves: Moves, state: State, finger: int) -> list[State]:
+    """The states in which a finger has made contact elsewhere, the most promising first."""
+    touches = bool(state.touching[finger])
+    whole = frozenset(np.flatnonzero(state.touching).tolist())
+    if touches and (state.margins[finger] < 0 or not moves.allowed(whole - {finger})):
+        return []
+    if finger not in moves.fingers or not moves.allowed(whole | {finger}):
+        return []
+    q, _, n_W = moves.contacts(finger, state.X, POINTS)
+    room = moves.rooms(
+        np.full(len(q), finger), q, *moves.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
+    )
+    order = np.argsort(-(room + moves.rng.uniform(0, 0.3, len(room))), kind="stable")[:TRIED]
+    order = order[room[order] > LEAST_ROOM]
+    posture = np.repeat(state.q[None], len(order), axis=0)
+    posture[:, finger] = q[order]
+    touching = np.repeat(state.touching[None], len(order), axis=0)
+    touching[:, finger] = True
+    order, posture = (x[moves.clear(state.X, posture, touching)] for x in (order, posture))
+    out = [
+        State(
+            s=state.s,
+            off=state.off,
+            X=state.X,
+            q=row,
+            touching=touching[0],
+            regrasps=state.regrasps + touches,
+            parent=state,
+        )
+        for row in posture
+    ]
+    rooms = np.repeat(state.room[None], len(out), axis=0)
+    rooms[:, finger] = room[order]
+    moves.evaluate(out, rooms)
+    best = sorted((i for i, x in enumerate(out) if x.margins[-1] >= 0), key=lambda i: -out[i].score)
+    kept: list[State] = []
+    for some in (best[i : i + KEPT] for i in range(0, len(best), KEPT)):
+        found = _transits(moves, state, finger, q[order[some]], n_W[order[some]])
+        for i, (height, landing, stop) in zip(some, found.tolist(), strict=True):
+            if height >= 0:
+                out[i].move = Switch(finger=finger, height=height, landing=landing, stop=stop - 1)
+                kept.append(out[i])
+        if len(kept) >= KEPT:
+            break
+    return kept[:KEPT]
+
+
+def draw_retreats(moves: Moves, state: State, finger: int) -> list[State]:
+    """The states in which a finger waits elsewhere, off the object."""
+    touches = bool(state.touching[finger])
+    rest = frozenset(np.flatnonzero(state.touching).tolist()) - {finger}
+    if touches and (state.margins[finger] < 0 or not moves.allowed(rest)):
+        return []
+    stops = moves.grid.stops[finger]
+    found = np.full(len(stops), -1, dtype=np.int64)
+    normal = state.n_W[finger]
+    transit.retreats(
+        moves.world, finger, state.X, state.q, state.q[finger], touches, normal, HEIGHTS, stops, STEP, found
+    )
+    out = []
+    for v in np.flatnonzero(found >= 0)[:KEPT]:
+        q, touching = state.q.copy(), state.touching.copy()
+        q[finger], touching[finger] = stops[v], False
+        if np.array_equal(q, state.q):
+            continue
+        move = Switch(finger=finger, height=int(found[v]), landing=-1, stop=int(v))
+        out.append(
+            State(
+                s=state.s,
+                off=state.off,
+                X=state.X,
+                q=q,
+                touching=touching,
+                regrasps=state.regrasps,
+                parent=state,
+                move=move,
+            )
+        )
+    moves.evaluate(out)
+    return [x for x in out if x.margins[-1] >= 0]
+
+
+def switch_between(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+    """The move of a finger to where it is in another state: to a contact, or to where it waits."""
+    return switch_to(moves, before, after, finger) if after.touching[finger] else _retreat(moves, before, after, finger)
+
+
+def _retreat(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+    """The move of a finger to where it waits."""
+    found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
+    touches, normal = bool(before.touching[finger]), before.n_W[finger]
+    args = moves.world, finger, before.X, before.q, before.q[finger], touches, normal
+    transit.retreats(*args, HEIGHTS, stop, STEP, found)
+    if found[0] < 0:
+        return None
+    pieces, start = [], before.q[finger]
+    if touches:
+        pieces.append(_lift(moves, before, finger, start, normal, int(found[0])))
+        start = pieces[0][-1]
+    pieces.append(_straight(start, after.q[finger]))
+    m = len(moves.clearance.kinematics[finger].lower)
+    return Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
+
+
+def _transits(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+    """(N, 3) as `transit.transits` finds them."""
+    found = np.zeros((len(q), 3), dtype=np.int64)
+    touches = bool(state.touching[finger])
+    normal = state.n_W[finger]
+    stops = moves.grid.stops[finger]
+    args = moves.world, finger, state.X, state.q, state.q[finger], touches, normal, q, n_W
+    transit.transits(*args, HEIGHTS, stops, STEP, found)
+    return found
+
+
+def switch_to(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+    """The move of a finger that touches in both states, by a roadmap where no quicker way is found."""
+    old, new = before.q[finger], after.q[finger]
+    found = _transits(moves, before, finger, new[None], after.n_W[finger][None])[0]
+    if found[0] >= 0:
+        return Switch(finger=finger, height=int(found[0]), landing=int(found[1]), stop=int(found[2]) - 1)
+    fingers, X = moves.clearance.hand.fingers, np.vstack([before.X, [0.0, 0.0, 0.0, 1.0]])
+    m = len(fingers[finger].columns)
+    posture = whole(moves.clearance.hand, before.q)
+    around = Surroundings.of(moves.clearance, posture, X, finger)
+    normals = np.stack([before.n_W[finger], after.n_W[finger]])
+    for height in LIFTS:
+        (up, down), able = lift(around, finger, np.stack([old, new])[:, :m], normals, height)
+        if able.all():
+            pieces = detour(around, finger, up[-1], down[-1])
+            ways = None if pieces is None else (up, *pieces, down[::-1])
+            return None if ways is None else Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=ways)
+    return None
+
+
+def ways_of(moves: Moves, before: State, after: State) -> tuple[np.ndarray, ...]:
+    """The pieces (k, m) of the way of a switch: lift, travel and landing, as many of them as it has."""
+    move = after.move
+    assert isinstance(move, Switch)
+    if move.ways is not None:
+        return move.ways
+    f, m = move.finger, len(moves.clearance.kinematics[move.finger].lower)
+    pieces: list[np.ndarray] = []
+    points = [before.q[f]]
+    if before.touching[f]:
+        pieces.append(_lift(moves, before, f, before.q[f], before.n_W[f], move.height))
+        points = [pieces[0][-1]]
+    if move.stop >= 0:
+        points.append(moves.grid.stops[f][move.stop])
+    down = None
+    if move.landing >= 0:
+        down = _lift(moves, before, f, after.q[f], after.n_W[f], move.landing)[::-1]
+        points.append(down[0])
+    pieces += [_straight(a, b) for a, b in itertools.pairwise(points)]
+    pieces += [down] if down is not None else []
+    return tuple(piece[:, :m] for piece in pieces)
+
+
+def _lift(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
+    way = np.zeros((transit.KNOTS, len(q)))
+    transit.lift_way(moves.world, finger, state.X, state.q, q, n_W, LIFTS[height], way)
+    return way
+
+
+def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The straight way (k, m) in joint space."""
+    n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
+    return a + np.linspace(0, 1, n)[:, None] * (b - a)
