@@ -196,6 +196,8 @@ class Plan(_Strict, frozen=True, kw_only=True):
 
         if self.task.physics.gravity == "auto":
             refuse("a plan is made for one direction of gravity", "task.physics.gravity", "auto", "three numbers")
+        for i, step in enumerate(self.task.motion):
+            step.validate(f"task.motion[{i}]", file)
         if len(set(self.joints)) != len(self.joints):
             refuse("joint named twice", "joints", self.joints, "distinct names")
         end, last = 0.0, np.array(self.parts[0].X_WO[:1]).reshape(-1)[:4]

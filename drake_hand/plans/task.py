@@ -102,6 +102,17 @@ class Step(_Strict, frozen=True, kw_only=True):
         """The one key that is given."""
         return next(k for k in self.__struct_fields__ if getattr(self, k) is not None)
 
+    def validate(self, key: str, file: Path | str | None = None) -> None:
+        """Checks that it is one step.
+
+        Raises:
+            InputError: it has no key, or several; `key` says where in the file it stands.
+        """
+        given = [k for k in self.__struct_fields__ if getattr(self, k) is not None]
+        if len(given) != 1:
+            expected = "one of: " + ", ".join(self.__struct_fields__)
+            raise InputError("a motion step has exactly one key", file=file, key=key, found=given, expected=expected)
+
 
 class Physics(_Strict, frozen=True, kw_only=True):
     """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
@@ -186,16 +197,9 @@ class Task(_Strict, frozen=True, kw_only=True):
                 refuse(f"less than {shortest:g} mm: metres typed for millimetres?", key, list(mm), f"{meant}, perhaps")
         held = bool(isinstance(self.start, Pose) and self.start.joints_deg)
         for i, step in enumerate(self.motion):
-            given = [k for k in step.__struct_fields__ if getattr(step, k) is not None]
             key = f"motion[{i}]"
-            if len(given) != 1:
-                refuse(
-                    "a motion step has exactly one key",
-                    key,
-                    given,
-                    "one of: " + ", ".join(step.__struct_fields__),
-                )
-            kind = given[0]
+            step.validate(key, file)
+            kind = step.kind
             if kind == "grasp":
                 fingers = step.grasp.fingers if step.grasp else None
                 if held and fingers is None:

@@ -116,6 +116,7 @@ def test_a_certificate_tells_of_any_change_to_it():
     ("wrong", "key"),
     [
         (plan(joints=["a", "a"]), "joints"),
+        (plan(task=replace(plan().task, motion=[Step(grasp=Grasp()), Step()])), "task.motion[1]"),
         (plan(part([0.0, 1.0], "0")), "parts[0].mode"),
         (plan(part([0.0, 1.0], "03")), "parts[0].mode"),
         (plan(part([0.0, 0.0], "00")), "parts[0].t"),
