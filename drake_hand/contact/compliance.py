@@ -85,11 +85,26 @@ def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
     Returns:
         (n, fingers) N/m; very large where no joint moves the tip along the normal.
     """
-    yields = np.zeros(J_WP.shape[:2])
-    for i, finger in enumerate(hand.fingers):
-        lever = np.einsum("nim,ni->nm", J_WP[:, i, :, : len(finger.columns)], n_W[:, i])
-        yields[:, i] = np.sum(lever**2 / hand.stiffness[finger.columns], axis=1)
-    return 1 / np.maximum(yields, 1e-9)
+    yields = [
+        tip_give(hand.stiffness[f.columns], J_WP[:, i, :, : len(f.columns)], n_W[:, i])
+        for i, f in enumerate(hand.fingers)
+    ]
+    return 1 / np.maximum(np.stack(yields, axis=1), 1e-9)
+
+
+def tip_give(stiffness: np.ndarray, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+    """How far one finger's tip gives along the normal per force, its servos yielding: n^T J K^-1 J^T n.
+
+    Args:
+        stiffness: (m,) of its servos, Nm/rad.
+        J_WP: (n, 3, m) Jacobians of its contact point, or of the tip's centre, m/rad.
+        n_W: (n, 3) unit normals.
+
+    Returns:
+        (n,) m/N.
+    """
+    lever = np.einsum("nim,ni->nm", J_WP, n_W)
+    return np.sum(lever**2 / stiffness, axis=1)
 
 
 def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:

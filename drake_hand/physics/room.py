@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.compliance import tip_give
 from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
@@ -61,8 +62,7 @@ def rooms(plan: Plan, hand: Hand, object_: Object) -> list[Room]:
             R, p_WO = states.X_WO[:, :3, :3], states.X_WO[:, :3, 3]
             p_OC = np.einsum("kji,kj->ki", R, p_WC - p_WO)
             nhat_W = np.einsum("kij,kj->ki", R, surface.closest(p_OC)[1])
-            along = np.einsum("kij,ki->kj", J, nhat_W)
-            gives = np.sum(along**2 / hand.stiffness[finger.columns], axis=1) + 1 / hand.pad.point_stiffness_n_m
+            gives = tip_give(hand.stiffness[finger.columns], J, nhat_W) + 1 / hand.pad.point_stiffness_n_m
             room = -np.sum(states.f_W[:, f] * nhat_W, axis=1) * gives
             k = int(np.argmin(room))
             found.append(Room(part=i, finger=finger.name, time_s=round(float(t[k]), 3), room_mm=float(room[k]) * 1e3))

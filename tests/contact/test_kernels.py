@@ -72,3 +72,14 @@ def test_frames_tips_and_jacobians_are_those_of_the_chain(hand):
             rolling.jacobian(c, f, p, R, *(p_WC[0] - lever), found)
             np.testing.assert_allclose(found[:, : len(q)], material_jacobian(J, Jw, lever[None])[0], atol=1e-9)
             assert not found[:, len(q) :].any()
+
+
+def test_dexterous_are_tips_whose_least_singular_value_is_large_enough():
+    rng = np.random.default_rng(0)
+    for m in (3, 4):
+        J = rng.normal(size=(200, 3, m)) * 0.05
+        least = np.linalg.svd(J, compute_uv=False)[:, -1]
+        found = np.array([rolling.dexterous(np.ascontiguousarray(x), m, 0.03) for x in J])
+        assert (found == (least >= 0.03)).all()
+        assert 20 < found.sum() < 180
+    assert rolling.dexterous(np.zeros((3, 3)), 2, 0.01), "two joints leave one direction out, whatever they do"

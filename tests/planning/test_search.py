@@ -13,6 +13,7 @@ from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import State
 from drake_hand.planning.strokes import draw_strokes, onward
+from drake_hand.planning.switches import draw_retreats, draw_switches
 from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
 
 HAND, PENCIL = "quartet", "pencil_r8"
@@ -108,12 +109,12 @@ def test_moves_keep_to_the_fingers_and_modes_that_may_be_used():
     made = {f: 0 for f in range(4)}
     for x in roots(free, most=True)[:10]:
         for f in range(4):
-            made[f] += len(free.switches(x, f)) + len(free.retreats(x, f))
+            made[f] += len(draw_switches(free, x, f)) + len(draw_retreats(free, x, f))
     assert all(made.values()), "without restrictions every finger is moved"
     lifted = set()
     for x in roots(kept):
         for f in range(4):
-            for after in [*kept.switches(x, f), *kept.retreats(x, f)]:
+            for after in [*draw_switches(kept, x, f), *draw_retreats(kept, x, f)]:
                 touching = frozenset(np.flatnonzero(after.touching).tolist())
                 assert touching in may
                 lifted.add(f)

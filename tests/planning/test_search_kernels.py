@@ -147,6 +147,21 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
         assert (margins < 0).any()
 
 
+def test_a_finger_that_cannot_be_commanded_every_way_does_not_hold(pinched):
+    m, X, q0, touching = pinched
+    N = len(q0)
+    load_, XX = load(equilibrium("quartet", "pencil_r8"), 0), np.repeat(X[None], N, axis=0)
+
+    def margins(dexterity):
+        out = np.zeros((N, 5))
+        p_OP, n_W = np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
+        hold.held_without(m.world, load_._replace(dexterity=dexterity), XX, q0, touching, out, p_OP, n_W)
+        return out[:, 4]
+
+    assert (margins(0.0) >= 0).any()
+    assert (margins(1.0)[touching.any(axis=1)] == -1.0).all(), "no finger moves its tip by 1 m per rad"
+
+
 def test_a_stroke_ends_where_its_contacts_hold_no_longer():
     """A pencil turned out of the horizontal: what holds it lying may not hold it askew."""
     way = path("quartet", move(0.0, 0.0, 30.0))

@@ -128,9 +128,8 @@ def jacobian(c, f, p, R, x, y, z, J):
 
 
 @njit()
-def least_squares(J, m, bx, by, bz, damping, x):
-    """Writes the damped least-norm solution (m,) of J x = b."""
-    d = damping * damping
+def _gram(J, m, d):
+    """J J^T + d I of J (3, m): its diagonal, and what is beside it in rows 01, 02, 12."""
     m00, m11, m22, m01, m02, m12 = d, d, d, 0.0, 0.0, 0.0
     for j in range(m):
         a, b, c = J[0, j], J[1, j], J[2, j]
@@ -140,6 +139,13 @@ def least_squares(J, m, bx, by, bz, damping, x):
         m01 += a * b
         m02 += a * c
         m12 += b * c
+    return m00, m11, m22, m01, m02, m12
+
+
+@njit()
+def least_squares(J, m, bx, by, bz, damping, x):
+    """Writes the damped least-norm solution (m,) of J x = b."""
+    m00, m11, m22, m01, m02, m12 = _gram(J, m, damping * damping)
     c00, c11, c22 = m11 * m22 - m12 * m12, m00 * m22 - m02 * m02, m00 * m11 - m01 * m01
     c01, c02, c12 = m02 * m12 - m01 * m22, m01 * m12 - m02 * m11, m01 * m02 - m00 * m12
     det = m00 * c00 + m01 * c01 + m02 * c02
@@ -157,16 +163,7 @@ def dexterous(J, m, least):
     """Whether the singular values of J (3, m) are all at least so much; true where m < 3 joints leave one at zero."""
     if m < 3:
         return True
-    d = -least * least
-    m00, m11, m22, m01, m02, m12 = d, d, d, 0.0, 0.0, 0.0
-    for j in range(m):
-        a, b, c = J[0, j], J[1, j], J[2, j]
-        m00 += a * a
-        m11 += b * b
-        m22 += c * c
-        m01 += a * b
-        m02 += a * c
-        m12 += b * c
+    m00, m11, m22, m01, m02, m12 = _gram(J, m, -least * least)
     minor = m00 * m11 - m01 * m01
     det = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02) + m02 * (m01 * m12 - m11 * m02)
     return m00 > 0.0 and minor > 0.0 and det > 0.0
