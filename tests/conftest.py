@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import settings
 from stalls import WATCH
 
 from drake_hand.contact.chain import FingerKinematics
@@ -40,6 +41,8 @@ def _part(mode: str, events: list[str], t0: float, q0: np.ndarray, q1: np.ndarra
     )
 
 
+settings.register_profile("timeless", deadline=None)  # how long a test takes says how busy the machine is
+settings.load_profile("timeless")
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background ignores it, and its children do
 
 
