@@ -11,7 +11,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.deviation import Slip, deviation, main_axis, slips
 from drake_hand.physics.engine import Perturbation
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import Trajectory
+from drake_hand.plans.trajectory import Trajectory, turned_about
 
 POSITION_MM, ROTATION_DEG = 3.0, 8.0
 """Success: not dropped, at the end within this of the plan (tilt, and turn about the axis)."""
@@ -98,7 +98,7 @@ def judge(
     planned = Trajectory(plan).at(t)
     axis = main_axis(plan.task, planned.X_WO[0], object_)
     off = deviation(record.X_WO[k], planned.X_WO, axis)
-    planned_deg = float(np.degrees(np.trapezoid(planned.V_WO[:, :3] @ axis, t)))
+    planned_deg = float(np.degrees(turned_about(planned.X_WO[:, :3, :3], axis)[-1]))
     slid = slips(t, record.X_WO[k], record.slip_W[k], planned.part, plan)
     dropped = dropped or not record.f_W[-1].any()
     errors = {"position": off.position_mm[-1], "tilt": off.tilt_deg[-1], "rotation": abs(off.rotation_deg[-1])}

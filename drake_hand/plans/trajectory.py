@@ -167,3 +167,20 @@ def quaternions(R: np.ndarray) -> np.ndarray:
     flips = np.sum(quat[1:] * quat[:-1], axis=1) < 0
     quat[1:][np.cumsum(flips) % 2 == 1] *= -1
     return quat
+
+
+def turned_about(R_WO: np.ndarray, axis_W: np.ndarray) -> np.ndarray:
+    """By how much an object has turned about an axis since the first of some poses, winding counted.
+
+    The twist of the swing-twist decomposition: where the object turned about this axis alone in the end, it is the
+    angle of that turn, whatever it did on the way. An integral of the angular velocity is not.
+
+    Args:
+        R_WO: (k, 3, 3), less than half a turn from one to the next.
+        axis_W: (3,) unit.
+
+    Returns:
+        (k,) rad.
+    """
+    q = quaternions(R_WO @ R_WO[0].T)
+    return np.unwrap(2 * np.arctan2(q[:, 1:] @ axis_W, q[:, 0]))

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from drake_hand.contact.chain import FingerKinematics, material_jacobian
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import States, Trajectory
+from drake_hand.plans.trajectory import States, Trajectory, turned_about
 from drake_hand.verify.balance import friction_margins
 
 TURNS = np.radians(1.0)
@@ -79,4 +79,5 @@ def object_turn(states: States) -> tuple[np.ndarray, np.ndarray]:
     size = np.linalg.norm(largest)
     if size < TURNS:
         return np.zeros(len(states.t)), np.array([0.0, 0.0, 1.0])
-    return np.degrees(rotation @ largest / size), largest / size
+    axis = largest / size
+    return np.degrees(turned_about(states.X_WO[:, :3, :3], axis)), axis

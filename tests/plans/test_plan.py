@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
 from drake_hand.plans.plan import Certificate, Contact, Part, Plan, Worst
 from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
+from drake_hand.plans.trajectory import turned_about
 
 replace = msgspec.structs.replace
 
@@ -160,3 +162,17 @@ def test_a_file_that_is_not_a_plan_is_an_input_error(tmp_path, change, says):
     file.write_text(change(file.read_text()))
     with pytest.raises(InputError, match=says):
         Plan.load(file)
+
+
+def test_a_turn_is_told_whatever_the_object_does_on_the_way():
+    """A turn and a half about z while the axis wobbles by 20 deg and comes back."""
+    s = np.linspace(0.0, 1.0, 400)
+    turn = Rotation.from_rotvec(np.outer(3 * np.pi * s, [0.0, 0.0, 1.0]))
+    wobble = Rotation.from_rotvec(np.radians(20.0) * np.sin(np.pi * s)[:, None] * [1.0, 0.0, 0.0])
+    start = Rotation.from_euler("xyz", [30.0, -50.0, 110.0], degrees=True)
+    R_WO = (wobble * turn * start).as_matrix()
+    found = np.degrees(turned_about(R_WO, np.array([0.0, 0.0, 1.0])))
+    assert found[0] == pytest.approx(0.0, abs=1e-9)
+    assert found[-1] == pytest.approx(540.0, abs=1e-6)
+    assert (np.diff(found) > 0).all()
+    assert np.degrees(turned_about(R_WO[::-1], np.array([0.0, 0.0, 1.0])))[-1] == pytest.approx(-540.0, abs=1e-6)
