@@ -117,6 +117,11 @@ class SharedClock:
             with suppress(BlockingIOError):
                 os.write(self._bell, b"!")
 
+    @property
+    def waited_for(self) -> bool:
+        """Whether the other end is in `receive`, and its time is not up yet."""
+        return self._get(_DUE) < math.inf
+
     def tell(self, plan: str, plan_time: float) -> None:
         """Lets the other end know where in a plan, known by its hash, the motion is."""
         struct.pack_into("8s", self._map, _PLAN, plan[:8].encode())

@@ -138,7 +138,14 @@ CASES = (
         target=2,
         since="threshold",
     ),
-    Case(name="axis stuck", act=lambda t: t.inject("stuck"), kinds=("following",), target=2, since="threshold"),
+    Case(
+        name="axis stuck",
+        act=lambda t: t.inject("stuck"),
+        kinds=("following", "emcy"),
+        target=2,
+        since="threshold",
+        why="the master looks at each answer; one that comes late is overtaken by the drive's own following error",
+    ),
     Case(
         name="3 TPDOs in a row missing",
         act=lambda t: t.inject("lost", frames=["status"], direction="tx"),

@@ -18,8 +18,8 @@ STEP_S = 1e-3
 """Of the clock, and of what the motors move."""
 _LOOK_S = 0.01
 GONE_LOOKS = 300
-"""After so many looks for a SYNC that does not come, 3 s, it is waited for no longer: the master is gone. Looks, not
-seconds: when the computer stood still, the master did, too."""
+"""After so many looks for a master that does not wait again, 3 s, it is gone. Looks, not seconds: when the computer
+stood still, the master did, too."""
 
 
 class World(Protocol):
@@ -34,8 +34,8 @@ def serve_in_step(
 ) -> None:
     """Serves drives on a bus, a step at a time, until `stop`.
 
-    Frames that have arrived act before each step. A period after a SYNC the clock waits for the next, so that neither
-    end can run away from the other; it is never faster than the computer's.
+    Frames that have arrived act before each step. Where the master's time is up the clock waits until the master waits
+    again, so that no SYNC is late, however busy the computer; it is never faster than the computer's.
 
     Args:
         simulated: booted at time 0 of the clock.
@@ -47,18 +47,17 @@ def serve_in_step(
     drives = simulated.drives
     reduction = np.array([d.direction * d.cable_ratio * d.gear for d in drives.drives])
     to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / INERTIA
-    period = drives.bus.sync_ms * 1e-3
-    now, synced, looks, begun = 0.0, None, 0, time.monotonic()
+    now, synced, looks, begun = 0.0, False, 0, time.monotonic()
     while not stop.is_set():
-        waiting = synced is not None and now >= synced + period - 1e-9
+        waiting = synced and not clock.waited_for
         if waiting and looks >= GONE_LOOKS:
-            synced, waiting = None, False
+            synced = waiting = False
         # frames first; while waiting, for them
         message = bus.recv(_LOOK_S if waiting else 0)
         looks += message is None
         while message is not None:
             if message.arbitration_id == SYNC_COB:
-                synced, waiting = now, False
+                synced = True
             simulated.step(now, message)
             message = bus.recv(0)
         if waiting:
