@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
-from drake_hand.contact.rolling import Model
-from drake_hand.contact.submodel import Submodel
+from drake_hand.contact.submodel import Model, Submodel
 from drake_hand.contact.surface import Surface
 
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 from drake_hand.model.hand import Finger
 
 BODY_FREEDOM = 6
 """Freedoms of a rigid body in space, hence of the virtual joint between wrist and object."""
+
+
+Model = Literal["rolling", "pivot"]
+"""Of contacts that do not slip: the tip rolls over the object, or (in the paper) its centre stays where it is there."""
 
 
 class Submodel(IntEnum):

@@ -133,7 +133,7 @@ def _meeting(tips: list[np.ndarray]) -> np.ndarray:
 
     trees = [cKDTree(t) for t in tips]
     everywhere = np.concatenate(tips)
-    meet = np.sum([tree.query(everywhere)[0] < _MEET for tree in trees], axis=0)
+    meet = np.sum([tree.query(everywhere, distance_upper_bound=_MEET)[0] < _MEET for tree in trees], axis=0)
     return everywhere[meet == meet.max()].mean(axis=0)
 
 

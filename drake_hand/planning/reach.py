@@ -10,18 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_hand.contact.chain import material_jacobian
-from drake_hand.contact.rolling import Flow, Model, roll
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.contact.submodel import Model
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.kernels import transit
+from drake_hand.planning.kernels.holds import held_along
+from drake_hand.planning.kernels.world import WORDS
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.transit import LIFTS, Surroundings, lift
+from drake_hand.planning.transit import LIFTS
+from drake_hand.planning.world import seeds, split, world
 
 SPACING, MOST = 5.0e-3, 800
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
-
-
-EDGE = 1.0e-3
-"""How far contacts stay from the edges of the surface, m."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +40,7 @@ class Hold:
     J_WP: np.ndarray
     """(L, 3, m) Jacobian of the tip's material point at the contact, m/rad."""
     limited_by: str
-    """What ends it: ``joint limit``, ``singular``, ``edge``, ``collision`` or ``end`` (of the path)."""
+    """What ends it, of `WORDS`; ``end`` is that of the path."""
 
     @property
     def end(self) -> int:
@@ -63,9 +62,12 @@ class ReachTable:
             model: of contact.
             parked: joint angles (m,) of fingers that stay where they are, by index; holds keep clear of them.
         """
-        self.clearance, self.path, self.model = clearance, path, model
-        self.parked = tuple((j, clearance.centres(j, q[None])) for j, q in (parked or {}).items())
-        """(finger index, sphere centres (1, any, 3)) of the fingers that stay where they are."""
+        self.clearance, self.path = clearance, path
+        self.world = world(clearance, pivot=model == "pivot")
+        n, m = self.world.chains.lower.shape
+        self._waiting, self._waits = np.zeros((n, m)), np.zeros(n, dtype=bool)
+        for j, q in (parked or {}).items():
+            self._waiting[j, : len(q)], self._waits[j] = q, True
         self.symmetric = False
         if path.axis_W is not None and path.point_W is not None:
             X = path.X_WO[0]
@@ -102,65 +104,52 @@ class ReachTable:
 
     def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
         """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
-        flow = self._roll(finger, tick, q[None])
-        return self._lasting(finger, tick, flow, first=-1 - tick)[0] if flow.length[0] else None
+        q = np.pad(q, (0, self._waiting.shape[1] - len(q)))[None]
+        found, _ = self._lasting(finger, tick, q, np.zeros((1, 3)), height=0.0, first=-1 - tick)
+        return found[0] if found else None
 
     def _compute(self, finger: int, tick: int) -> list[Hold]:
-        kin = self.clearance.kinematics[finger]
-        X, r = self.path.X_WO[tick], kin.finger.radius
-        n_W = self._normals @ X[:3, :3].T
-        q, residual = kin.ik(self._points @ X[:3, :3].T + X[:3, 3] + r * n_W)
+        w, X, r = self.world, np.ascontiguousarray(self.path.X_WO[tick, :3]), self.world.chains.radius[finger]
+        N, m = len(self._points), self._waiting.shape[1]
+        q, p_WP, n_W, able = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=bool)
+        near = seeds(self.clearance, finger, m)
+        transit.contacts(w, finger, near, self._points, self._normals, X, q, p_WP, n_W, able)
         # Where the surface is hollow a tip that touches one side may be inside another.
-        fits = self.clearance.surface.closest(self._points + r * self._normals)[2] > r - 1e-5
-        near = np.flatnonzero((residual < 1e-5) & fits)
-        around = Surroundings(clearance=self.clearance, X_WO=X, others=self.parked)
-        _, able = lift(around, finger, q[near], n_W[near], LIFTS[0])
-        flow = self._roll(finger, tick, q[near[able]])
-        why = {"out of reach": len(q) - len(near), "no room to land": int((~able).sum())}
-        for word in flow.limited_by:
-            why[word] = why.get(word, 0) + 1
-        self.limits[finger, tick] = why
-        return sorted(self._lasting(finger, tick, flow), key=lambda h: -len(h.q))
+        able &= self.clearance.surface.closest(self._points + r * self._normals)[2] > r - 1e-5
+        found, why = self._lasting(finger, tick, q[able], n_W[able], height=LIFTS[0])
+        counts = {"out of reach": int((~able).sum())}
+        for word in why:
+            counts[word] = counts.get(word, 0) + 1
+        self.limits[finger, tick] = counts
+        return sorted(found, key=lambda h: -len(h.q))
 
-    def _roll(self, finger: int, tick: int, q: np.ndarray) -> Flow:
-        c = self.clearance
+    def _lasting(
+        self, finger: int, tick: int, q0: np.ndarray, n0: np.ndarray, *, height: float, first: int = 0
+    ) -> tuple[list[Hold], list[str]]:
+        """What of contacts (N, m) lasts at all, and what ends each; `first` numbers the tables."""
+        X = np.ascontiguousarray(self.path.X_WO[tick:, :3])
+        N, K, m = len(q0), len(X), q0.shape[1]
+        q, p_WP, n_W, J_WP = np.zeros((N, K, m)), np.zeros((N, K, 3)), np.zeros((N, K, 3)), np.zeros((N, K, 3, m))
+        length, why = np.zeros((2, N), dtype=np.int64)
 
-        def blocked(q: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
-            around = Surroundings(clearance=c, X_WO=X_WO, others=self.parked)
-            return around.clear(finger, q, tip=False) < CLEARANCE
+        def run(r: slice) -> None:
+            args = self.world, finger, self._waiting, self._waits, X, q0[r], n0[r], height
+            held_along(*args, q[r], p_WP[r], n_W[r], J_WP[r], length[r], why[r])
 
-        return roll(
-            c.kinematics[finger],
-            c.surface,
-            self.path.X_WO[tick:],
-            q,
-            model=self.model,
-            edge_margin=EDGE,
-            blocked=blocked,
-        )
-
-    def _lasting(self, finger: int, tick: int, flow: Flow, *, first: int = 0) -> list[Hold]:
-        """What of a flow lasts at all; `first` numbers the tables."""
-        K = int(flow.length.max(initial=0))
-        X, kin = self.path.X_WO[tick : tick + K], self.clearance.kinematics[finger]
-        R, q = X[:, :3, :3], flow.q[:K]
-        n_W = np.einsum("kij,knj->kni", R, flow.nhat_O[:K])
-        p_WP = np.einsum("kij,knj->kni", R, flow.p_OP[:K]) + X[:, None, :3, 3]
-        J_WP = np.zeros((*q.shape[:2], 3, q.shape[2]))
-        lasts = np.arange(K)[:, None] < flow.length
-        _, _, J, Jw = kin.jacobian(q[lasts])
-        J_WP[lasts] = material_jacobian(J, Jw, kin.finger.radius * n_W[lasts])
-        return [
+        split(run, N)
+        words, mine = [WORDS[x] for x in why], len(self.clearance.kinematics[finger].lower)
+        found = [
             Hold(
                 finger=finger,
                 birth=tick,
                 table=first + j,
-                q=q[:L, j],
-                p_WP=p_WP[:L, j],
-                n_W=n_W[:L, j],
-                J_WP=J_WP[:L, j],
-                limited_by=str(flow.limited_by[j]),
+                q=q[j, :L, :mine],
+                p_WP=p_WP[j, :L],
+                n_W=n_W[j, :L],
+                J_WP=J_WP[j, :L, :, :mine],
+                limited_by=words[j],
             )
-            for j, L in enumerate(flow.length)
+            for j, L in enumerate(length)
             if L > 0
         ]
+        return found, words

@@ -347,7 +347,7 @@ class Run:
             if not table.symmetric:
                 return None
             fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]
-            return gait.propose(table, fingers, moves, self._holding(task), q, search.able)
+            return gait.propose(table, fingers, moves, q, search.able)
 
     def _built(self, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
         builder, chain = builder.copy(), end.chain

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_hand.contact.rolling import Model
+from drake_hand.contact.submodel import Model
 from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
 from drake_hand.planning.collision import CLEARANCE, Clearance
@@ -14,10 +14,11 @@ from drake_hand.planning.holding import Holding
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath, still
 from drake_hand.planning.park import park
-from drake_hand.planning.reach import EDGE, Hold, ReachTable
+from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.slide import SLIDE_STEP
 from drake_hand.planning.slide import holds as slide_holds
 from drake_hand.planning.transit import Surroundings
+from drake_hand.planning.world import EDGE
 
 TOUCH = 1e-4
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""

@@ -19,9 +19,10 @@ from drake_hand.model.object import Geometry
 from drake_hand.planning.collision import CLEARANCE, Clearance
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.kernels import world as kernels
-from drake_hand.planning.reach import EDGE
 
 T = TypeVar("T")
+EDGE = 1.0e-3
+"""How far contacts stay from the edges of the surface, m."""
 SPACING, MOST = 3.0e-3, 2000
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 STOPS = 6
@@ -140,19 +141,23 @@ class Grid:
         points, normals = surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
         inside = surface.edge_distance(points) >= EDGE
         m = max(len(kin.lower) for kin in clearance.kinematics)
-        seeds, stops = [], []
+        stops = []
         for i, kin in enumerate(clearance.kinematics):
-            corner, edge, counts, q = kin._cells
-            q = np.pad(q.reshape(*counts, 2, -1), [(0, 0)] * 4 + [(0, m - q.shape[-1])])
-            seeds.append(kernels.Seeds(np.ascontiguousarray(corner), float(edge), counts, np.ascontiguousarray(q)))
             home = np.clip(clearance.hand.q_home[kin.finger.columns], kin.lower, kin.upper)
             stops.append(np.pad(_far_apart(clearance.postures(i).q, home, STOPS), [(0, 0), (0, m - len(home))]))
         return cls(
             points=np.ascontiguousarray(points[inside]),
             normals=np.ascontiguousarray(normals[inside]),
-            seeds=tuple(seeds),
+            seeds=tuple(seeds(clearance, i, m) for i in range(len(clearance.kinematics))),
             stops=tuple(stops),
         )
+
+
+def seeds(clearance: Clearance, finger: int, m: int) -> kernels.Seeds:
+    """Where inverse kinematics of a finger starts from, with room for m joints."""
+    corner, edge, counts, q = clearance.kinematics[finger]._cells
+    q = np.pad(q.reshape(*counts, 2, -1), [(0, 0)] * 4 + [(0, m - q.shape[-1])])
+    return kernels.Seeds(np.ascontiguousarray(corner), float(edge), counts, np.ascontiguousarray(q))
 
 
 def _far_apart(q: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:

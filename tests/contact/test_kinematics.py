@@ -4,10 +4,10 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.kinematics import ObjectMotion, SubmodelKinematics, slip_velocity
-from drake_hand.contact.rolling import roll
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Geometry
+from tests.contact.plain_rolling import roll
 
 FREE, ROLL, SLIDE = Submodel
 X_OG = np.eye(4)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from drake_hand.contact.chain import FingerKinematics
-from drake_hand.contact.rolling import roll
 from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
+from tests.contact.plain_rolling import roll
 
 SPHERE, CUBE = (Surface.of(Object.load(name)) for name in ("sphere", "cube"))
 HERE = np.array([0.0, 0.0, 0.08])

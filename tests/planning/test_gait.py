@@ -6,6 +6,7 @@ import pytest
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.world import load
 from tests.planning.small import equilibrium, table, turn
 
 FINGERS = [0, 1, 2, 3]
@@ -20,12 +21,12 @@ def reach():
 
 @pytest.fixture(scope="module")
 def gaits(reach):
-    holding, rng = equilibrium("quartet", "cylinder"), np.random.default_rng(0)
+    bears, rng = load(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     every = lambda touching: True  # noqa: E731
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gait, "SAMPLES", 1000)  # a look at fewer: this is about what is found, not how much
         patch.setattr(gait, "POOL", 40)
-        return gait.find(reach, FINGERS, holding, every, rng, enough=ENOUGH, strokes=(STROKE,), starts=1)
+        return gait.find(reach, FINGERS, bears, every, rng, enough=ENOUGH, strokes=(STROKE,), starts=1)
 
 
 def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
@@ -71,8 +72,8 @@ def test_the_best_come_first(gaits):
 
 
 def test_there_is_no_gait_in_modes_that_may_not_be_used_or_strokes_too_long(reach):
-    holding, rng = equilibrium("quartet", "cylinder"), np.random.default_rng(0)
+    bears, rng = load(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     never_lifts = lambda touching: len(touching) == 4  # noqa: E731
-    assert gait.find(reach, FINGERS, holding, never_lifts, rng, enough=ENOUGH, strokes=(STROKE,)) == []
+    assert gait.find(reach, FINGERS, bears, never_lifts, rng, enough=ENOUGH, strokes=(STROKE,)) == []
     every = lambda touching: True  # noqa: E731
-    assert gait.find(reach, FINGERS, holding, every, rng, enough=ENOUGH, strokes=(10_000,)) == []
+    assert gait.find(reach, FINGERS, bears, every, rng, enough=ENOUGH, strokes=(10_000,)) == []

@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 
-from drake_hand.contact.rolling import roll
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Kinematic
@@ -14,6 +13,7 @@ from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJ
 from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
 from drake_hand.planning.transit import MOVING, STEP, Surroundings
 from drake_hand.planning.world import load
+from tests.contact.plain_rolling import roll
 from tests.planning.small import (
     as_sets,
     clearance,

@@ -1,6 +1,6 @@
-"""Compiled forms of `chain.py` and `rolling.py`: frames and Jacobians of fingers, where they touch, how they roll.
+"""Compiled kinematics of fingers: frames and Jacobians as in `chain.py`, where they touch, how contacts roll.
 
-The same formulas as there, row by row instead of in batches; tested equal.
+The formulas of `chain.py`, row by row instead of in batches; tested equal.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.kernels.geometry import closest
 
 DAMPING = 1e-4
-"""Of the least-squares solutions, m per rad, as in `rolling`."""
+"""Of the least-squares solutions, m per rad."""
 
 
 class Chains(NamedTuple):

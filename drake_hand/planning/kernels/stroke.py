@@ -10,19 +10,29 @@ from numba import boolean, float64, int64
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.geometry import edge_distance
 from drake_hand.contact.kernels.rolling import jacobian, least_squares, rates, tip, touch
-from drake_hand.contact.rolling import BEND, KINK, SLIP, STEP
 from drake_hand.planning.kernels.clear import collides, into, off_object, off_palm, place
 from drake_hand.planning.kernels.hold import contact_at, held
 from drake_hand.planning.kernels.pose import log, turned
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END, LIMIT, LOAD, SINGULAR, WORLD, scratch
+
+SLIP = 2e-6
+"""What a finger may slip, or lose contact, from one pose to the next before it counts as singular, m."""
+STEP = 0.15
+"""Joint step from one pose to the next beyond which it does, rad ..."""
+BEND = 0.02
+"""... and how much the step may change within one."""
+KINK = 2e-5
+"""Drift in one step beyond which the surface is not smooth there, m."""
 
 
 @njit()
 def roll_step(w, f, q, fixed, A, B, twist, mid, s):
     """Carries the contact of finger f at q (m,) from object pose A to B (3, 4), in place.
 
-    A midpoint step of the rates, then what it drifted off the surface is taken back, as in `rolling.roll`. `fixed`
-    (3,) is where a pivoting tip centre stays in O. `twist` (6,) and `mid` (3, 4) are those of the step.
+    A contact that rolls without slipping keeps the material points of tip and object at equal velocity (Montana 1988;
+    Murray, Li & Sastry 1994, ch. 5); in the paper's pivot model the tip centre stays where it is in O. Either way the
+    finger's rates follow from the object's twist: a midpoint step of them, then what it drifted off is taken back.
+    `fixed` (3,) is where a pivoting tip centre stays in O. `twist` (6,) and `mid` (3, 4) are those of the step.
 
     Returns:
         What ends the contact, or `END`.
@@ -71,7 +81,7 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
 
 
 @njit()
-def _roll_on(w, f, q, fixed, A, B, twist, pose, mid, s):
+def roll_on(w, f, q, fixed, A, B, twist, pose, mid, s):
     """`roll_step` in as many substeps as the world asks for."""
     log(A, B, twist)
     for i in range(3):
@@ -139,7 +149,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
             reason, guilty = END, -1
             for f in range(n):
                 if touching[i, f]:
-                    reason = _roll_on(w, f, q[i, k, f], fixed[f], A, B, twist, pose, mid, s)
+                    reason = roll_on(w, f, q[i, k, f], fixed[f], A, B, twist, pose, mid, s)
                     if reason != END:
                         guilty = f
                         break

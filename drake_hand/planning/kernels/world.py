@@ -12,8 +12,8 @@ from drake_hand.contact.kernels.equilibrium import workspace
 from drake_hand.contact.kernels.geometry import ShapeArrays
 from drake_hand.contact.kernels.rolling import Chains
 
-END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE = range(8)
-"""What ends a stroke."""
+END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING = range(9)
+"""What ends a stroke or a hold."""
 WORDS = (
     "end",
     "joint limit",
@@ -23,6 +23,7 @@ WORDS = (
     "collision of fingers",
     "collision with the palm",
     "balance",
+    "no room to land",
 )
 """The same in words."""
 
@@ -120,15 +121,15 @@ class Scratch(NamedTuple):
 
 @njit()
 def scratch(w):
-    """Room for one row."""
+    """Room for one row; fingers that are not placed yet are far away."""
     n, m = w.chains.lower.shape
     A, G, S = len(w.chains.R), len(w.cover.r), len(w.cover.r_sphere)
     tableau, basis = workspace(n)
     return Scratch(
         np.zeros((A, 3)),
         np.zeros((A, 3, 3)),
-        np.zeros((G, 3)),
-        np.zeros((S, 3)),
+        np.full((G, 3), 1e3),
+        np.full((S, 3), 1e3),
         np.zeros((3, m)),
         np.zeros(m),
         np.zeros(m),

@@ -1,4 +1,4 @@
-"""Contacts carried along an object path: how q and the contact point evolve, batched over many contacts.
+"""Contacts carried along an object path, in plain formulas and in batches: what the kernels are held against.
 
 A contact that rolls without slipping keeps the material points of tip and object at the contact at equal
 velocity (Montana 1988; Murray, Li & Sastry 1994, ch. 5); in the paper's pivot model the tip centre stays
@@ -11,27 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
+from drake_hand.contact.submodel import Model
 from drake_hand.contact.surface import Surface
-
-Model = Literal["rolling", "pivot"]
+from drake_hand.planning.kernels.stroke import BEND, KINK, SLIP, STEP
 
 _DAMPING = 1e-4
 """Of the least-squares solutions, m per rad: keeps them bounded next to singular poses."""
-SLIP = 2e-6
-"""What a finger may slip, or lose contact, from one pose to the next before it counts as singular, m."""
-STEP = 0.15
-"""Joint step from one pose to the next beyond which it does, rad ..."""
-BEND = 0.02
-"""... and how much the step may change within one."""
-
-KINK = 2e-5
-"""Drift in one step beyond which the surface is not smooth there, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
