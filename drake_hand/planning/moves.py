@@ -80,7 +80,7 @@ class Moves:
             on = room[x.touching]
             stuck = int(((room < 0.25) & x.touching & ~liftable).sum())
             x.score = float(on.min(initial=1.0) + on.mean() if len(on) else 0.0)
-            x.score += 0.3 * int(liftable.sum()) + min(float(margin[-1]), 0.3) - 0.5 * stuck - 0.03 * x.regrasps
+            x.score += 0.3 * int(liftable.sum()) + min(float(margin[-1]), hold.COUNTS) - 0.5 * stuck - 0.03 * x.regrasps
 
     def look(self, s: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is ahead of progress s (N,) with offsets (N, 6): ways (N, LOOK + 1, 3, 4) and their steps (N,).

@@ -102,7 +102,8 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         held = any((opposite & a[:, None] & b[None]).any() for a, b in pairs)
         return float(held + sum(able) + sum(float(r.mean()) for r in reached))
 
-    found = []
+    found: list[tuple[float, np.ndarray]] = []
+    best: list[float] = []
     for k in range(DRAWN):
         if given is not None and len(axes) and k % 2 == 0:
             axis, along = axes[k // 2 % len(axes)], given
@@ -117,7 +118,13 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         way = build(X, moving).X_WO if moving else X[None]
         way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _ALONG).astype(int)])
         if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
-            found.append((min(value(x) for x in way[:: (_ALONG - 1) // 2]), X))
+            worth = np.inf
+            for x in way[:: (_ALONG - 1) // 2]:
+                worth = min(worth, value(x))
+                if len(best) == RATED and worth <= best[0]:
+                    break  # it is not among the best whatever the rest of its way is worth
+            found.append((worth, X))
+            best = sorted([*best, worth])[-RATED:]
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     return [found[k][1] for k in order[:RATED]]
 

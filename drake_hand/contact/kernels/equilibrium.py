@@ -93,11 +93,13 @@ def _pivot(T, basis, rows, columns, row, column):
 
 
 @njit()
-def _maximise(T, basis, rows, columns):
-    """Two-phase tableau simplex: first empties the artificial variables, then maximises s."""
+def _maximise(T, basis, rows, columns, enough):
+    """Two-phase tableau simplex: first empties the artificial variables, then maximises s, or until it is enough."""
     for phase in range(2):
         cost = rows + phase
         for pivot in range(_PIVOTS):
+            if phase == 1 and T[cost, columns] >= enough:
+                break
             column, best = -1, -_EPS
             for x in range(columns):
                 if T[cost, x] < best:
@@ -134,8 +136,10 @@ def workspace(k):
 
 
 @njit()
-def margin(tableau, basis, p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
-    """One set of `margins_of`."""
+def margin(
+    tableau, basis, p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag, enough
+):
+    """One set of `margins_of`; of what is more than `enough` only that."""
     k, c = len(mask), 0
     for a in range(k):
         c += mask[a]
@@ -150,7 +154,7 @@ def margin(tableau, basis, p_WP, n_W, mask, p_WCom, force_W, friction, torsion_r
             )
             j += 1
     _frame(T, basis, c, columns, force_W)
-    return _maximise(T, basis, 6 + 2 * c, columns)
+    return _maximise(T, basis, 6 + 2 * c, columns, enough)
 
 
 @njit(
@@ -177,5 +181,6 @@ def margins_of(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max
             J[i],
             effort,
             drag[i],
+            np.inf,
         )
     return out

@@ -29,7 +29,7 @@ def _take(fingers, p, n, J, row, stepped, without, s, mask):
 def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask):
     """Of a row with some fingers stepped back (bits), without one slot (-1: with all)."""
     _take(fingers, p, n, J, row, stepped, without, s, mask)
-    return held(w, load, mask, X, s)
+    return held(w, load, mask, X, s, np.inf)
 
 
 @njit()

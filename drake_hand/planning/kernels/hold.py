@@ -12,6 +12,9 @@ from drake_hand.contact.kernels.equilibrium import margin
 from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
+COUNTS = 0.3
+"""Margin up to which more is better, N."""
+
 
 @njit()
 def contact_at(w, f, q, X, s):
@@ -26,8 +29,11 @@ def contact_at(w, f, q, X, s):
 
 
 @njit()
-def held(w, load, mask, X, s):
-    """Margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`."""
+def held(w, load, mask, X, s, enough):
+    """Margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`.
+
+    Of a margin that is more than `enough` only that is told, not how much.
+    """
     count, nx, ny, nz = 0, 0.0, 0.0, 0.0
     for f in range(len(mask)):
         if mask[f]:
@@ -61,6 +67,7 @@ def held(w, load, mask, X, s):
             s.JP,
             load.effort,
             s.drag,
+            load.preload + enough,
         )
         - load.preload
     )
@@ -81,8 +88,9 @@ def held(w, load, mask, X, s):
 def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
     """Writes margins (N, n + 1) of sets of contacts: without each finger, and in the last column with all.
 
-    Fingers that do not touch, and all where even all together do not hold, have that of all. Contact points in O and
-    outward normals in W (N, n, 3) are written too.
+    The last is told up to `COUNTS`; of the others, whether they are negative and how much then. Fingers that do not
+    touch, and all where even all together do not hold, have that of all. Contact points in O and outward normals in W
+    (N, n, 3) are written too.
     """
     s = scratch(w)
     n = q0.shape[1]
@@ -94,10 +102,10 @@ def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
                 at = contact_at(w, f, q0[i, f], X[i], s)
                 for k in range(3):
                     p_OP[i, f, k], n_W[i, f, k] = at[3 + k], at[6 + k]
-        margins[i, n] = held(w, load, mask, X[i], s)
+        margins[i, n] = held(w, load, mask, X[i], s, COUNTS)
         for f in range(n):
             margins[i, f] = margins[i, n]
             if touching[i, f] and margins[i, n] >= 0.0:
                 mask[f] = False
-                margins[i, f] = held(w, load, mask, X[i], s)
+                margins[i, f] = held(w, load, mask, X[i], s, 0.0)
                 mask[f] = True

@@ -159,7 +159,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
                 for f in range(n):
                     if touching[i, f]:
                         contact_at(w, f, q[i, k, f], B, s)
-                if held(w, load, touching[i], B, s) < 0:
+                if held(w, load, touching[i], B, s, 0.0) < 0:
                     reason = BALANCE
                 else:
                     length[i] = k
@@ -170,7 +170,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
                     for f in range(n):
                         if touching[i, f]:
                             contact_at(w, f, q[i, k - 1, f], A, s)
-                    if held(w, load, touching[i], A, s) >= 0:
+                    if held(w, load, touching[i], A, s, 0.0) >= 0:
                         length[i] = k - 1
                 break
 
