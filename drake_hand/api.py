@@ -18,7 +18,6 @@ from drake_hand.plans.task import Options, Task
 if TYPE_CHECKING:
     from drake_hand.model.hand import Hand
     from drake_hand.physics.run import Record, Run
-    from drake_hand.planning.holding import Tally
     from drake_hand.planning.search import Progress
     from drake_hand.view.page import Page
 
@@ -34,8 +33,6 @@ class PlanResult:
     """Seconds from task to timed plan; imports and certificate apart."""
     stages_s: dict[str, float]
     """Seconds by stage, the certificate among them."""
-    tally: Tally
-    """Equilibrium tests in these stages."""
 
 
 def solve(
@@ -81,7 +78,6 @@ def solve(
                     regrasps=path.stats["regrasps"],
                     plan_s=perf_counter() - start - proving,
                     stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
-                    tally=path.stats["tally"],
                 )
             reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
             evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)

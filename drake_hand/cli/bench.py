@@ -16,17 +16,18 @@ from cyclopts.validators import Number
 
 from drake_hand.cli.output import print_json, print_table
 from drake_hand.errors import NoPlanFound
-from drake_hand.plans.task import Grasp, Step, Task
+from drake_hand.plans.task import Grasp, Options, Pose, Rotate, Step, Task
 
 Samples = dict[str, list[float]]
+CUBE_MM = (62.0, -3.0, 120.0)
+"""Where fingertips meet around a cube."""
 
 UNITS = {
     "ik_per_s": "contacts solved per second, batched",
     "ik_vs_drake": "times the rate of one Drake IK program per contact",
     "ik_vs_pinocchio": "times the rate of a Pinocchio loop per contact",
     "equilibrium_per_s": "contact sets tested for balance per second",
-    "equilibrium_us": "us for each set tested while a full turn is planned",
-    "equilibrium_share": "share of that planning time spent on the test",
+    "stroke_us": "us for each pose of a cube's strokes: contacts rolled on, clearances, balance every third",
     "spin90_s": "s to plan a quarter turn of the pencil",
     "spin360_s": "s to plan a full turn",
     "plan_over_check": "planning time over checking time, full turn",
@@ -63,6 +64,7 @@ def bench(
     measures = {
         "ik": _ik,
         "equilibrium": _equilibrium,
+        "strokes": _strokes,
         "planning": _planning,
         "fingers": _fingers,
         "certificate": _certificate,
@@ -125,6 +127,31 @@ def _equilibrium(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     yield "equilibrium_per_s", [once() for _ in range(runs)]
 
 
+def _strokes(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand.planning import grasp
+    from drake_hand.planning.object_path import build, pose
+    from drake_hand.planning.run import Run
+    from drake_hand.planning.state import Stroke, by_finger
+    from drake_hand.planning.strokes import draw_strokes
+
+    start, turn = Pose(xyz_mm=CUBE_MM), Step(rotate=Rotate(axis=(1.0, 0.0, 0.0), angle_deg=360.0))
+    task = Task(
+        hand="kanguera", object="cube", start=start, motion=[Step(grasp=Grasp()), turn], options=Options(seed=seed)
+    )
+    run = Run.of(task, lambda _: None)
+    moves = run.moves(task, build(pose(start), [turn]), frozenset(range(len(run.hand.fingers))))
+    states = grasp.roots(moves, by_finger(run.hand, run.hand.q_home), every=False, most=False)
+
+    def once() -> float:
+        began = perf_counter()
+        drawn = [x.move for root in states for x in draw_strokes(moves, root)]
+        took = perf_counter() - began
+        return 1e6 * took / sum(len(move.q) - 1 for move in drawn if isinstance(move, Stroke))
+
+    once()  # loads compiled code
+    yield "stroke_us", [once() for _ in range(runs)]
+
+
 def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand import api
 
@@ -138,8 +165,6 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     full = [api.solve(spin_by(spin, 360.0), seed=seed) for _ in range(runs)]
     yield "spin360_s", [r.plan_s for r in full]
     yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
-    yield "equilibrium_us", [1e6 * r.tally.seconds / r.tally.sets for r in full]
-    yield "equilibrium_share", [r.tally.seconds / r.plan_s for r in full]
     one = median(r.plan_s for r in full)
     yield "turns10_over_1", [plan_s(spin_by(spin, 3600.0)) / one]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from time import perf_counter
 from typing import Protocol
 
 import numpy as np
@@ -13,15 +11,6 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.equilibrium import Capacity, margins
 from drake_hand.model.hand import Hand
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
-
-
-@dataclass(kw_only=True)
-class Tally:
-    """How often equilibrium was asked for, and what that cost."""
-
-    sets: int = 0
-    """Sets of contacts judged."""
-    seconds: float = 0.0
 
 
 class Holding(Protocol):
@@ -65,9 +54,7 @@ class Equilibrium:
     LEAST_PRELOAD = 0.35
     """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
 
-    def __init__(
-        self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float, tally: Tally | None = None
-    ) -> None:
+    def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
         """States what has to be held.
 
         Args:
@@ -76,9 +63,7 @@ class Equilibrium:
             mass: of the object, kg.
             friction: coefficient the task states.
             preload: normal force every contact must be able to bear beside the balance, N.
-            tally: where queries are counted.
         """
-        self.tally = tally or Tally()
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
         self.weight = STANDARD_GRAVITY * mass
         """Of the object on earth, N: what tolerances go by."""
@@ -113,11 +98,8 @@ class Equilibrium:
         def least(drag_W: np.ndarray | None) -> np.ndarray:
             return margins(sets, capacity, self.force_W, drag_W)
 
-        began = perf_counter()
         if slip_W is None:
             margin = least(None)
         else:
             margin = np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W))
-        self.tally.sets += len(sets) * (1 if slip_W is None else 2)
-        self.tally.seconds += perf_counter() - began
         return margin - self.preload

@@ -18,7 +18,7 @@ from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.force_plan import add_forces
-from drake_hand.planning.holding import Equilibrium, Holding, Kinematic, Tally
+from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.legs import LegBuilder, follow
 from drake_hand.planning.moves import Corridor, Moves
@@ -63,7 +63,6 @@ class Run:
     progress: Callable[[Progress], None]
     started: float
     stages: dict[str, float] = field(default_factory=dict)
-    tally: Tally = field(default_factory=Tally)
     expansions: int = 0
 
     @classmethod
@@ -131,7 +130,6 @@ class Run:
                 "stages_s": self.stages,
                 "expansions": self.expansions,
                 "regrasps": builder.regrasps,
-                "tally": self.tally,
             },
         )
 
@@ -258,7 +256,7 @@ class Run:
         grasp.check_palm(self.scene, self.clearance, path)
         named = [self.hand.finger(name).index for name in wanted.fingers or ()]
         steps.settle(builder, self.clearance, park(self.clearance, still(builder.X_WO), range(len(self.hand.fingers))))
-        moves = self._moves(task, path, frozenset(named or range(len(self.hand.fingers))))
+        moves = self.moves(task, path, frozenset(named or range(len(self.hand.fingers))))
         q = by_finger(self.hand, builder.q)
         roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
         period = Period.of(path, self.clearance.surface, self.clearance.p_OCom)
@@ -295,7 +293,7 @@ class Run:
             named = frozenset(self.hand.finger(name).index for name in wanted.fingers or ()) or None
         usable = self._usable(task) | frozenset(builder.touching)
         grasp.check_palm(self.scene, self.clearance, path)
-        moves = self._moves(task, path, usable | (named or frozenset()))
+        moves = self.moves(task, path, usable | (named or frozenset()))
         touching = np.zeros(len(self.hand.fingers), dtype=bool)
         touching[list(builder.touching)] = True
         root = State(
@@ -360,7 +358,8 @@ class Run:
             follow(builder, moves, chain)
         return builder
 
-    def _moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
+    def moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
+        """What moves of these fingers along a nominal way are drawn from."""
         corridor = task.options.corridor
         return Moves(
             clearance=self.clearance,
@@ -387,7 +386,6 @@ class Run:
             mass=mass,
             friction=physics.friction,
             preload=max(LEAST_PRELOAD, PRELOAD_SHARE * STANDARD_GRAVITY * mass),
-            tally=self.tally,
         )
 
 

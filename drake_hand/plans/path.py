@@ -46,4 +46,4 @@ class Path:
     task: Task
     """With the start pose and the gravity that were found, where ``auto`` was asked."""
     stats: dict[str, Any] = field(default_factory=dict)
-    """``stages_s`` {name: seconds}, ``expansions``, ``regrasps``, ``tally`` of equilibrium tests."""
+    """``stages_s`` {name: seconds}, ``expansions``, ``regrasps``."""

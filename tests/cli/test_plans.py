@@ -8,7 +8,6 @@ import pytest
 
 from drake_hand import api, cli
 from drake_hand.errors import Evidence, NoPlanFound
-from drake_hand.planning.holding import Tally
 from drake_hand.plans.plan import Plan
 
 
@@ -102,7 +101,7 @@ def test_plot_wants_a_folder_or_a_place_for_one(plan_file, tmp_path, capsys):
 
 def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, capsys):
     result = api.PlanResult(
-        plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3}, tally=Tally()
+        plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3}
     )
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
@@ -144,7 +143,7 @@ def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):
 
 
 def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):
-    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4}, tally=Tally())
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
     assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--json"]) == 0

@@ -5,7 +5,7 @@ import pytest
 
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.model.hand import Hand
-from drake_hand.planning.holding import Equilibrium, Kinematic, Tally
+from drake_hand.planning.holding import Equilibrium, Kinematic
 
 HAND = Hand.load("quartet")
 PRELOAD, FRICTION = 0.1, 0.8
@@ -75,15 +75,6 @@ def test_fingers_that_slide_downwards_drag_the_object_with_them():
 def test_nothing_slides_is_what_sets_without_a_slide_are():
     one = holding(0.4)
     assert one.margins(around(), np.zeros((1, 4, 3)))[0] == pytest.approx(one.margins(around())[0])
-
-
-def test_questions_are_counted():
-    tally = Tally()
-    one = holding(0.4, tally=tally)
-    one.margins(around().repeated(3))
-    assert tally.sets == 3
-    one.margins(around(), sliding(1.0))
-    assert tally.sets == 5, "full friction and none are asked separately"
 
 
 def test_wanted_forces_make_up_for_a_millimetre_and_respect_efforts():
