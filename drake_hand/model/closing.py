@@ -5,6 +5,7 @@ Found from what the joints let the fingers do, so that it holds for any hand and
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -132,9 +133,11 @@ def _meeting(tips: list[np.ndarray]) -> np.ndarray:
     from scipy.spatial import cKDTree
 
     trees = [cKDTree(t) for t in tips]
-    everywhere = np.concatenate(tips)
-    meet = np.sum([tree.query(everywhere, distance_upper_bound=_MEET)[0] < _MEET for tree in trees], axis=0)
-    return everywhere[meet == meet.max()].mean(axis=0)
+    meet = [np.zeros(len(t), dtype=int) for t in tips]
+    for i, j in itertools.permutations(range(len(tips)), 2):
+        meet[i] += trees[j].query(tips[i], distance_upper_bound=_MEET, workers=-1)[0] < _MEET
+    most = max(int(m.max()) for m in meet)
+    return np.concatenate([t[m == most] for t, m in zip(tips, meet, strict=True)]).mean(axis=0)
 
 
 def _thumb(bases: np.ndarray, p_WG: np.ndarray) -> int | None:
