@@ -36,7 +36,12 @@ class Waits(Person):
         return time.monotonic() - since > self.seconds
 
 
-@pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
+def alone(*values):
+    """Drives of one type: all three are on the mixed bus, too, whose test is the quick one."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("types", ["mix", alone("epos2"), alone("epos4"), alone("epos1")])
 def test_a_plan_with_pauses_holds_and_goes_on(types, virtual, patiently):
     """All in the same SYNC again, enabled and still in between."""
     drives = drives_20ms(types)
@@ -104,7 +109,9 @@ def held_throughout(joints):
     return msgspec.structs.replace(bare, certificate=certificate)
 
 
-@pytest.mark.parametrize(("types", "decision"), [("epos2", "open"), ("epos4", "off"), ("epos1", "off"), ("mix", "off")])
+@pytest.mark.parametrize(
+    ("types", "decision"), [("epos2", "open"), ("mix", "off"), alone("epos4", "off"), alone("epos1", "off")]
+)
 def test_an_interrupted_hand_goes_on_holding_until_somebody_decides(types, decision, virtual, patiently):
     drives = drives_20ms(types)
     plan = held_throughout(drives.joints)
