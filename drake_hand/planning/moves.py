@@ -133,5 +133,5 @@ class Moves:
 
 def offset_ticks(off: np.ndarray) -> np.ndarray:
     """(...) how many ticks it takes to bring offsets (..., 6) to zero."""
-    turn, shift = np.linalg.norm(off[..., :3], axis=-1), np.linalg.norm(off[..., 3:], axis=-1)
-    return np.maximum(turn / np.radians(TICK_DEG), shift / TICK_M)
+    length = np.sqrt(np.square(off).reshape(*off.shape[:-1], 2, 3).sum(axis=-1))
+    return np.maximum(length[..., 0] / np.radians(TICK_DEG), length[..., 1] / TICK_M)

@@ -115,18 +115,17 @@ class Search:
             if not self._founded(state):
                 self._take(state)
                 continue
-            if self._progress(state) >= goal - 1e-9:
+            if state.progress >= goal - 1e-9:
                 return self._answer(state)
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
             children += self._repeated(children)
-            done = [x for x in children if self._progress(x) >= goal - 1e-9 and self._founded(x)]
             self.add(children)
             self._tell()
+            done = [x for x in children if x.progress >= goal - 1e-9 and self._founded(x)]
             if done:
-                best = min(done, key=lambda x: x.regrasps)
-                return self._answer(best)
+                return self._answer(min(done, key=lambda x: x.regrasps))
         return None
 
     def _answer(self, x: State) -> State:

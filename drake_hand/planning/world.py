@@ -184,5 +184,5 @@ def at_once(calls: Sequence[Callable[[], T]]) -> list[T]:
 def split(run: Callable[[slice], None], rows: int, *, least: int = 8) -> None:
     """Runs a compiled kernel over slices of its rows, one a core; rows do not depend on one another."""
     parts = max(1, min(CORES, rows // least))
-    bounds = np.linspace(0, rows, parts + 1).astype(int)
+    bounds = [rows * k // parts for k in range(parts + 1)]
     at_once([partial(run, slice(a, b)) for a, b in itertools.pairwise(bounds)])
