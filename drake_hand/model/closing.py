@@ -6,8 +6,10 @@ Found from what the joints let the fingers do, so that it holds for any hand and
 from __future__ import annotations
 
 import itertools
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,6 +92,12 @@ def find_closing(fingers: Sequence[Finger], q_lower: np.ndarray, q_upper: np.nda
         pads.append(_unit(pad - end * (end @ pad)))
         ends.append(end)
     return Closing(p_WG=p_WG, palm=palm, fingers=along, thumb=thumb, pads=tuple(pads), ends=tuple(ends))
+
+
+@lru_cache(maxsize=8)
+def closing_of(pickled: bytes) -> Closing:
+    """As `find_closing`, of pickled arguments: hands that are loaded again, by the certificate say, are known."""
+    return find_closing(*pickle.loads(pickled))
 
 
 @dataclass(frozen=True, kw_only=True)

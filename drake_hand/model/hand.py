@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve, sha256
-from drake_hand.model.closing import Closing, find_closing
+from drake_hand.model.closing import Closing, closing_of
 from drake_hand.model.hand_file import SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
 from drake_hand.model.html import html_table
 from drake_hand.model.urdf import Urdf
@@ -100,7 +101,7 @@ class Hand:
     @cached_property
     def closing(self) -> Closing:
         """How the hand closes: where the palm faces, which finger is the thumb, where the pads are."""
-        return find_closing(self.fingers, self.q_lower, self.q_upper)
+        return closing_of(pickle.dumps((self.fingers, self.q_lower, self.q_upper)))
 
     @property
     def palm_direction(self) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,7 +16,7 @@ from drake_hand.plans.trajectory import States, Trajectory
 from drake_hand.verify.findings import TOLERANCES
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.motion import levers, travel_rates
-from drake_hand.verify.pairs import Clearances, Shapes, deepest
+from drake_hand.verify.pairs import Clearances, Near, Shapes, deepest
 from drake_hand.verify.surface import PackedObject
 
 STEP_S = 2e-3
@@ -23,7 +25,7 @@ STEP_DEG = 0.25
 NEAR = 2e-3
 """m; clearances beyond this are not looked at."""
 CHUNK = 2048
-"""Samples looked at together."""
+"""Samples looked at together, on one core."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +104,9 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     shapes = Shapes.of(scene, tree)
     travel = _travel(trajectory, states, tree, levers(tree, shapes.size[:-1], scene), shapes.size[-1])
     clearances = Clearances(scene, shapes, trajectory, NEAR)
-    for a in range(0, k, CHUNK):
-        rows = slice(a, min(a + CHUNK, k))
+
+    def look(first: int) -> Near:
+        rows = slice(first, min(first + CHUNK, k))
         posture = tree.pose(states.q[rows])
         R_WO, p_WO = states.X_WO[rows, :3, :3], states.X_WO[rows, :3, 3]
         weight[rows] = posture.weight(np.array(plan.task.physics.gravity, dtype=float))
@@ -119,9 +122,14 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
             touching = digits[rows, i] > 0
             J_WS[rows, i, :, : len(finger.columns)] = np.where(touching[:, None, None], J[:, :, finger.columns], 0.0)
             torque[rows] += np.einsum("kic,ki->kc", J, states.f_W[rows, i])
-        clearances.look(a, posture.X_WB, states.X_WO[rows], travel[rows])
-        if progress is not None:
-            progress(rows.stop / k)
+        return clearances.near(first, posture.X_WB, states.X_WO[rows], travel[rows])
+
+    firsts = range(0, k, CHUNK)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for first, near in zip(firsts, pool.map(look, firsts), strict=True):
+            clearances.take(near)
+            if progress is not None:
+                progress(min(first + CHUNK, k) / k)
     nearest = clearances.least(states, travel)
     between = grazed = (0.0, 0, "")
     if nearest[0] >= 0:  # else that tells all

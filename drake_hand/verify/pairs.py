@@ -115,6 +115,10 @@ class Shapes:
             capacity = max(found)
 
 
+Near = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""What `Shapes.near` finds, and what tells the same relative poses of a pair from others."""
+
+
 class Clearances:
     """Gathers where pairs may be near, and finds the one that comes nearest."""
 
@@ -125,7 +129,7 @@ class Clearances:
         self._alike: list[np.ndarray] = []
         self._known: dict[bytes, float] = {}
 
-    def look(self, first: int, X_WB: np.ndarray, X_WO: np.ndarray, travel: np.ndarray) -> None:
+    def near(self, first: int, X_WB: np.ndarray, X_WO: np.ndarray, travel: np.ndarray) -> Near:
         """Looks at samples from `first` on, as in :meth:`Shapes.near`."""
         low, meet = self._shapes.near(X_WB, X_WO, travel, self._reach)
         row, pair = low[:, :2].astype(int).T
@@ -133,9 +137,13 @@ class Clearances:
         # where A and B are alike to each other, so is their distance, as in every period of a gait
         R = np.swapaxes(X[0][:, :3, :3], 1, 2)
         relative = np.concatenate([R @ X[1][:, :3, :3], R @ (X[1][:, :3, 3:] - X[0][:, :3, 3:])], axis=2)
-        self._alike.append(np.column_stack([pair, np.round(relative.reshape(-1, 12), 10) + 0.0]))
-        self._low.append(low + np.array([first, 0, 0]))
-        self._meet.append(meet + np.array([first, 0]))
+        alike = np.column_stack([pair, np.round(relative.reshape(-1, 12), 10) + 0.0])
+        return low + np.array([first, 0, 0]), meet + np.array([first, 0]), alike
+
+    def take(self, near: Near) -> None:
+        """Takes in what was found, sample after sample."""
+        for mine, found in zip((self._low, self._meet, self._alike), near, strict=True):
+            mine.append(found)
 
     def _pose(self, X_WB: np.ndarray, X_WO: np.ndarray, row: np.ndarray, body: np.ndarray) -> np.ndarray:
         last = X_WB.shape[1]
