@@ -27,6 +27,7 @@ from drake_hand.planning.park import park
 from drake_hand.planning.period import Period
 from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import State, by_finger
 from drake_hand.planning.turns import Attempt, in_turn
 from drake_hand.planning.world import Grid, load, world
@@ -43,8 +44,8 @@ FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
 SEARCHES = 6
 """Worked on in turn, of those from the most promising starts."""
-GAITS = 3
-"""Start poses for which a periodic gait is looked for."""
+GAITS = 6
+"""Start poses for which a periodic gait is looked for; the one with the fewest regrasps is taken."""
 USABLE = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
@@ -240,10 +241,9 @@ class Run:
             if time.monotonic() > self.deadline:
                 break
         attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
-        for x, *_ in attempts[:GAITS]:
-            end = self._gait(x)
-            if end is not None:
-                yield x.task, self._built(x.builder, x.search.moves, end)
+        gaits = [(x, end) for x, *_ in attempts[:GAITS] if (end := self._gait(x)) is not None]
+        for x, end in sorted(gaits, key=lambda found: found[1].regrasps):
+            yield x.task, self._built(x.builder, x.search.moves, end)
         yield from self._in_turn(list(itertools.chain(*attempts))[:SEARCHES], failures)
 
     def _attempts(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> list[Attempt]:
@@ -348,7 +348,10 @@ class Run:
             return gait.propose(table, fingers, moves, q, search.able)
 
     def _built(self, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
-        builder, chain = builder.copy(), end.chain
+        builder = builder.copy()
+        with self.stage("shorten"):
+            moves.evaluate([x for x in end.chain if not len(x.n_W)])
+            chain = shortened(moves, end).chain
         with self.stage("legs"):
             if not builder.touching:
                 closed = self._closed(builder, chain[0])

@@ -54,7 +54,7 @@ def _towards(moves: Moves, state: State, s: np.ndarray, off: np.ndarray) -> list
     X = moves.path.beside(
         state.s + share * (s - state.s)[:, None], state.off + share[..., None] * (off - state.off)[:, None]
     )
-    q, length = _roll(moves, X, K, [state] * len(K))
+    q, length = rolled(moves, X, K, [state] * len(K))
     out = []
     for i, done in enumerate(length):
         if not done:
@@ -98,7 +98,7 @@ def onward(moves: Moves, states: list[State]) -> list[State]:
     start = np.array([round(x.s) for x in states])
     K = moves.path.ticks - start
     X = moves.path.X_WO[np.minimum(start[:, None] + np.arange(K.max() + 1), moves.path.ticks), :3]
-    q, length = _roll(moves, np.ascontiguousarray(X), K, states)
+    q, length = rolled(moves, np.ascontiguousarray(X), K, states)
     out = []
     for i, state in enumerate(states):
         end = int(start[i] + length[i])
@@ -112,7 +112,7 @@ def onward(moves: Moves, states: list[State]) -> list[State]:
     return out
 
 
-def _roll(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[State]) -> tuple[np.ndarray, np.ndarray]:
+def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[State]) -> tuple[np.ndarray, np.ndarray]:
     """Carries states along ways X (N, most + 1, 3, 4) of K (N,) steps.
 
     Returns:

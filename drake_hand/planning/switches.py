@@ -139,12 +139,20 @@ def _transits(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.nd
     return found
 
 
+def direct_switch(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+    """As `switch_between`, without a roadmap."""
+    if not after.touching[finger]:
+        return _retreat(moves, before, after, finger)
+    height, landing, stop = _transits(moves, before, finger, after.q[finger][None], after.n_W[finger][None])[0].tolist()
+    return None if height < 0 else Switch(finger=finger, height=height, landing=landing, stop=stop - 1)
+
+
 def switch_to(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
     """The move of a finger that touches in both states, by a roadmap where no quicker way is found."""
+    quick = direct_switch(moves, before, after, finger)
+    if quick is not None:
+        return quick
     old, new = before.q[finger], after.q[finger]
-    found = _transits(moves, before, finger, new[None], after.n_W[finger][None])[0]
-    if found[0] >= 0:
-        return Switch(finger=finger, height=int(found[0]), landing=int(found[1]), stop=int(found[2]) - 1)
     fingers, X = moves.clearance.hand.fingers, np.vstack([before.X, [0.0, 0.0, 0.0, 1.0]])
     m = len(fingers[finger].columns)
     posture = whole(moves.clearance.hand, before.q)

@@ -1,0 +1,94 @@
+"""Leaves out regrasps that a way does without: fingers are kept where they were, as long as everything else still goes.
+
+Given the object's poses every finger is a robot of its own, so that a finger that is not regrasped changes nothing
+about the others but what they may collide with and what they have to hold. ::
+
+    finger   ──a──┐ regrasp ┌──b──┐ regrasp ┌──c──        before
+    finger   ──────────a──────────┐ regrasp ┌──c──        after, where contact a rolls on and the object is held
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.state import State, Stroke, Switch
+from drake_hand.planning.strokes import rolled
+from drake_hand.planning.switches import direct_switch
+
+
+def shortened(moves: Moves, end: State) -> State:
+    """The end of the same way with fewer regrasps: the first that can be left out is, then the next.
+
+    Args:
+        moves: of the way.
+        end: of it.
+    """
+    chain, i = end.chain, 1
+    while i < len(chain):
+        shorter = _without(moves, chain, i) if _regrasp(chain, i) else None
+        if shorter is None:
+            i += 1
+        else:
+            chain = shorter
+    return chain[-1]
+
+
+def _regrasp(chain: list[State], i: int) -> bool:
+    move = chain[i].move
+    return isinstance(move, Switch) and bool(chain[i - 1].touching[move.finger] and chain[i].touching[move.finger])
+
+
+def _without(moves: Moves, chain: list[State], i: int) -> list[State] | None:
+    """The states without a regrasp, if the finger's next switch can be reached that way, or the end."""
+    left_out = chain[i].move
+    assert isinstance(left_out, Switch)
+    out, apart = list(chain[:i]), True
+    for x in chain[i + 1 :]:
+        before = out[-1]
+        if not apart:
+            state: State | None = replace(x, parent=before, regrasps=x.regrasps - 1)
+        elif isinstance(x.move, Stroke):
+            state = _carried_on(moves, before, x, x.move)
+        else:
+            assert isinstance(x.move, Switch)
+            state = _switched(moves, before, x, x.move.finger)
+            apart = x.move.finger != left_out.finger
+        if state is None:
+            return None
+        out.append(state)
+    return out
+
+
+def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke) -> State | None:
+    """The stroke to x from another posture, if all contacts roll along all of it and hold the object."""
+    K = len(stroke.X) - 1
+    q, length = rolled(moves, stroke.X[None], np.array([K]), [before])
+    if length[0] < K:
+        return None
+    return State(
+        s=x.s,
+        off=x.off,
+        X=x.X,
+        q=q[0, K],
+        touching=before.touching,
+        regrasps=before.regrasps,
+        parent=before,
+        move=Stroke(X=stroke.X, q=q[0, : K + 1]),
+    )
+
+
+def _switched(moves: Moves, before: State, x: State, finger: int) -> State | None:
+    """The finger's switch to where it is in x, from another posture of the hand; if that holds, and is clear."""
+    q, touching = before.q.copy(), before.touching.copy()
+    q[finger], touching[finger] = x.q[finger], x.touching[finger]
+    both = bool(before.touching[finger] and touching[finger])
+    after = State(s=x.s, off=x.off, X=x.X, q=q, touching=touching, regrasps=before.regrasps + both, parent=before)
+    moves.evaluate([before, after], np.ones((2, len(q))))
+    held = after.margins[-1] >= 0 and (not before.touching[finger] or before.margins[finger] >= 0)
+    if not held or not moves.clear(x.X, q[None], touching[None])[0]:
+        return None
+    after.move = direct_switch(moves, before, after, finger)
+    return None if after.move is None else after

@@ -1,0 +1,67 @@
+"""Regrasps that a way does without are left out; those that it needs are not."""
+
+import numpy as np
+
+from drake_hand.planning import grasp
+from drake_hand.planning.shorten import shortened
+from drake_hand.planning.state import Stroke
+from drake_hand.planning.strokes import carried
+from drake_hand.planning.switches import draw_switches
+from drake_hand.plans.task import Step
+from tests.planning.small import moves, path, turn, waiting
+
+NOWHERE = np.zeros(6)
+FAR = turn(35.0)
+
+
+def regrasped(step: Step, *, lasts: bool):
+    """Moves of a pencil, and ways that begin with one regrasp: the end, and that of the way without it or None.
+
+    From all grasps that last without a regrasp, or from those that do not.
+    """
+    m = moves("quartet", "pencil_r8", path("quartet", step))
+    goal, out = float(m.path.ticks), []
+    for root in grasp.roots(m, waiting("quartet"), every=False, most=True):
+        without = carried(m, root, goal, NOWHERE)
+        if (without is None) == lasts:
+            continue
+        for f in range(4):
+            ends = [carried(m, x, goal, NOWHERE) for x in draw_switches(m, root, f) if root.touching[f]]
+            out += [(end, without) for end in ends if end is not None]
+    return m, out
+
+
+def test_a_regrasp_that_nothing_needs_is_left_out():
+    m, ways = regrasped(turn(5.0), lasts=True)
+    assert len(ways) > 3
+    for end, without in ways:
+        assert end.regrasps == 1
+        found = shortened(m, end)
+        assert (found.regrasps, found.s) == (0, end.s)
+        np.testing.assert_array_equal(found.q, without.q)
+        assert [type(x.move) for x in found.chain] == [type(None), Stroke]
+
+
+def test_a_regrasp_without_which_the_object_does_not_get_there_stays():
+    m, ways = regrasped(FAR, lasts=False)
+    assert len(ways) > 3
+    for end, _ in ways:
+        assert shortened(m, end) is end
+
+
+def test_what_the_finger_does_next_is_done_from_where_it_was_left():
+    """Two regrasps of one finger: the first is left out, the second begins at the contact before it, or not at all."""
+    m = moves("quartet", "pencil_r8", path("quartet", turn(5.0)))
+    left = []
+    for root in grasp.roots(m, waiting("quartet"), every=False, most=True)[:8]:
+        for f in np.flatnonzero(root.touching).tolist():
+            for one in draw_switches(m, root, f)[:1]:
+                for two in draw_switches(m, one, f)[:1]:
+                    found = shortened(m, two)
+                    assert found.regrasps < 2
+                    left.append(found.regrasps)
+                    for x in found.chain[1:]:
+                        assert x.parent is not None
+                        assert x.parent.margins[f] >= 0
+                        assert x.regrasps == x.parent.regrasps + 1
+    assert len(left) > 3
