@@ -23,6 +23,8 @@ _SHORTEST_MM = 0.1
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Meta(gt=0)]
+Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""deg. A larger one is a slip of the keyboard, and is lost in rounding as a rotation."""
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
@@ -33,7 +35,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
     """X_WO as a person writes it: position in mm, roll-pitch-yaw in degrees (fixed axes x, y, z)."""
 
     xyz_mm: Vector
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     joints_deg: dict[str, float] = {}
     """Only in ``start``: start inside a grasp, contacts where the fingertips touch."""
 
@@ -51,7 +53,7 @@ class Rotate(_Strict, frozen=True, kw_only=True):
     axis: Vector
     """In W, or in O if ``frame`` says so (the object's own axis, wherever it points)."""
     frame: Literal["wrist", "object"] = "wrist"
-    angle_deg: float
+    angle_deg: Angle
     about_mm: Vector | None = None
 
 
@@ -65,7 +67,7 @@ class MoveTo(_Strict, frozen=True, kw_only=True):
     """Bring the object to a pose X_WO."""
 
     xyz_mm: Vector
-    rpy_deg: Vector
+    rpy_deg: tuple[Angle, Angle, Angle]
 
 
 class Slide(_Strict, frozen=True, kw_only=True):
