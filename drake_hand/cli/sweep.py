@@ -24,7 +24,7 @@ def sweep(
 
     Killed at any moment, it goes on where it stopped when run again. The folder holds the plan files, `results.parquet`
     with a row for every case (failures with their reason), and figures.
-    Exit status: 0 all cases done, 1 the scheduler was lost, 2 wrong input.
+    Exit status: 0 all cases done, 1 the scheduler was lost, 2 invalid input, 130 interrupted.
 
     ```console
     $ drake-hand sweep grips.sweep.yaml
@@ -55,6 +55,10 @@ def sweep(
         try:
             with progress_display(quiet=json) as progress:
                 run_sweep(cases, store, scheduler=scheduler, progress=progress)
+        except KeyboardInterrupt as e:
+            done = sum(i in store.rows for i in ids)
+            words = f"interrupted: {done} of {len(cases)} cases are done; run the sweep again to resume it"
+            raise KeyboardInterrupt(words) from e
         finally:
             results = store.write_table(ids)
         grouped = report.groups(cases, store.rows)

@@ -190,7 +190,7 @@ def _decompose(body: trimesh.Trimesh, size: float) -> tuple[list[trimesh.Trimesh
 
 
 def _encloses(body: trimesh.Trimesh) -> bool:
-    """Whether an open body has an inside: cells of a grid that its surface shuts off, small holes being closed by the grid."""
+    """Whether an open body has an inside: grid cells that its surface shuts off; the grid closes small holes."""
     from scipy.ndimage import binary_fill_holes
 
     surface = np.pad(body.voxelized(float(body.extents.max()) / _WRAP).matrix, 1)
