@@ -1,4 +1,4 @@
-"""`simulate`: a plan replayed as often as asked, each run a little different, on as many cores as there are."""
+"""`simulate`: repeated replays of a plan, each perturbed, on all cores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The task file: what is asked, as typed YAML. Needs no Drake."""
+"""The task file: the planning problem as typed YAML. Needs no Drake."""
 
 from __future__ import annotations
 
@@ -121,12 +121,12 @@ class Physics(_Strict, frozen=True, kw_only=True):
 
     friction: Positive = 0.8
     gravity: Vector | Literal["auto"] = (0.0, 0.0, -STANDARD_GRAVITY)
-    """``auto`` lets the planner choose how the palm is turned; the plan's task says what it chose."""
+    """``auto`` lets the planner choose how the palm is turned; the plan's task records the choice."""
     object_mass_kg: Positive | None = None
 
 
 class Corridor(_Strict, frozen=True, kw_only=True):
-    """How far the object may be beside the nominal way of a step while it moves."""
+    """How far the object may deviate from the nominal path of a step while it moves."""
 
     mm: Positive = 15.0
     deg: Positive = 15.0
@@ -144,7 +144,7 @@ class Options(_Strict, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 0
     time_limit_s: Positive = 60.0
     corridor: Corridor | Literal["none"] = Corridor()
-    """``none`` keeps the object on the nominal way."""
+    """``none`` keeps the object on the nominal path."""
 
 
 class Task(_Strict, frozen=True, kw_only=True):
