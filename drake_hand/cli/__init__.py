@@ -17,17 +17,17 @@ from drake_hand.errors import DrakeHandError, InputError, nearest
 COMMANDS = {
     "demo": ("drake_hand.cli.demo:demo", "Plan, check, simulate and execute the bundled pencil rotation."),
     "plan": ("drake_hand.cli.plans:plan", "Find a certified plan for a task."),
-    "check": ("drake_hand.cli.plans:check", "Prove a plan again, from its file alone."),
+    "check": ("drake_hand.cli.plans:check", "Certify a plan again, from its file alone."),
     "simulate": ("drake_hand.cli.simulate:simulate", "Replay a plan in physics."),
     "show": ("drake_hand.cli.show:show", "Watch a plan in the browser."),
     "plot": ("drake_hand.cli.plot:plot", "Draw a plan, or the record of a run, as figures."),
-    "export": ("drake_hand.cli.export:export", "Write a plan for another player: CSV, npz, ROS 2."),
+    "export": ("drake_hand.cli.export:export", "Export a plan for other controllers: CSV, npz, ROS 2."),
     "execute": ("drake_hand.cli.drives_execute:execute", "Play a plan on motor drives, real or simulated."),
-    "drives": ("drake_hand.cli.drives:app", "Scan, inspect, switch off, move and simulate drives."),
-    "mirror": ("drake_hand.cli.mirror:mirror", "Show commanded and measured hand, live."),
+    "drives": ("drake_hand.cli.drives:app", "Scan, inspect, power off, move and simulate drives."),
+    "mirror": ("drake_hand.cli.mirror:mirror", "Show the commanded and the measured hand, live."),
     "modes": ("drake_hand.cli.modes:modes", "Explain a mode, or list the automaton."),
-    "hand": ("drake_hand.cli.hand:app", "Check, start or convert a hand model."),
-    "sweep": ("drake_hand.cli.sweep:sweep", "Plan, prove and replay a grid of tasks, on all cores or a cluster."),
+    "hand": ("drake_hand.cli.hand:app", "Check, draft or convert a hand model."),
+    "sweep": ("drake_hand.cli.sweep:sweep", "Plan, certify and replay a grid of tasks, on all cores or a cluster."),
     "bench": ("drake_hand.cli.bench:bench", "Measure speed on this machine."),
 }
 """Name: (where it is, its line in ``drake-hand --help``)."""
@@ -38,7 +38,7 @@ def build_app(tokens: Sequence[str]) -> App:
     app = App(
         name="drake-hand",
         version=__version__,
-        help="Plan, prove, show and play finger gaits of dexterous hands.",
+        help="Plan, certify, show and execute finger gaits of dexterous hands.",
         help_format="markdown",
         default_parameter=Parameter(negative="", converter=exact, completer=offer),
         suppress_keyboard_interrupt=False,

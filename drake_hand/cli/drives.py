@@ -25,7 +25,7 @@ for _command in (off, zero, home, goto):
 def scan(
     *, drives: str | None = None, interface: str | None = None, channel: str | None = None, json: bool = False
 ) -> int:
-    """List the nodes on the bus: who they are, and whether they are the drives of a drives file.
+    """List the nodes on the bus and compare them with a drives file.
 
     Reads only. Exit status: 0 all as in the file (or, without one, somebody answered), 1 not, 2 wrong input.
 
@@ -56,7 +56,7 @@ def scan(
 
 @app.command
 def status(*, drives: str, interface: str | None = None, channel: str | None = None, json: bool = False) -> int:
-    """Show how each drive is: status word and stored errors in words, position in degrees.
+    """Show the state of each drive: status word and stored errors in words, position in degrees.
 
     Reads only. Exit status: 0 all answer and none is in fault, 1 not, 2 wrong input.
 

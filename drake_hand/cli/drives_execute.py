@@ -91,7 +91,7 @@ def execute(
         twin: a hand in physics follows the measured joints; its page, and where it differs from what the drives show,
             are told on stderr.
         empty: play without the object; what the fingers press is not judged.
-        from_here: come from where the hand is to where the plan starts, on a way proved free of collisions, slowly.
+        from_here: first move, slowly, from where the hand is to the plan's start, along a certified path.
         open: with --from-here: also from where the fingers may hold the object, which falls.
         on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
         yes: give power without asking.

@@ -14,7 +14,7 @@ from drake_hand.plans.plan import Plan
 
 
 def off(*, drives: str, interface: str | None = None, channel: str | None = None, json: bool = False) -> int:
-    """Take the power off every drive, whatever state it is in, and read it back.
+    """Remove power from every drive, whatever its state, and read it back.
 
     Works after a kill, a stop, a fault, or half a configuration; faults are reset, nothing is enabled. The hand lets
     go of what it holds. Exit status: 0 every drive was read back as off, 1 not: cut the supply, 2 wrong input.
@@ -56,7 +56,7 @@ def home(
     yes: bool = False,
     json: bool = False,
 ) -> int:
-    """Bring the hand home from where it is, slowly, on a way that was proved free of collisions.
+    """Bring the hand home from where it is, slowly, along a path that is certified collision-free.
 
     What the hand holds falls. Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input.
 

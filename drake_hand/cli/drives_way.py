@@ -1,4 +1,4 @@
-"""A certified way of the empty hand from where it is, found and proved in a process with Drake."""
+"""A certified path of the empty hand from where it is, planned and certified in a process with Drake."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """What a way is asked for."""
+    """What a path is requested for."""
 
     hand: str
     start: dict[str, float]
@@ -45,7 +45,7 @@ class Wish(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 def way(
     hand: str, joints: Sequence[str], q: np.ndarray, *, plan: Path | None = None, object_there: bool = False
 ) -> Plan:
-    """A way, certified, as a plan in which nothing touches.
+    """A certified path, as a plan without contacts.
 
     Args:
         hand: bundled name or path of the hand file.
@@ -65,9 +65,9 @@ def way(
         answer = msgspec.json.decode(child.stdout)
     except msgspec.DecodeError as e:
         last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
-        raise DrakeHandError(f"no way could be looked for (it takes a computer with Drake): {last}") from e
+        raise DrakeHandError(f"cannot plan a path (it takes a computer with Drake): {last}") from e
     if "reason" in answer:
-        raise NoPlanFound(f"no way from here: {answer['reason']}")
+        raise NoPlanFound(f"no path from here: {answer['reason']}")
     return convert(answer, Plan)
 
 
@@ -147,12 +147,12 @@ def _find(wish: Wish) -> Plan:
     found = time_path(find_way(scene, task, q, goal, X_WO))
     certificate = certify_way(found, scene, q, goal)
     if not certificate.certified:
-        raise NoPlanFound("the way found does not pass its certificate: " + "; ".join(certificate.failures))
+        raise NoPlanFound("the path found does not pass its certificate: " + "; ".join(certificate.failures))
     return msgspec.structs.replace(found, certificate=certificate)
 
 
 def describe(found: Plan) -> str:
-    """One line: how far and how long a way is, who moves first, how near things come."""
+    """One line about a path: largest turn, duration, order of the fingers, clearance."""
     q = np.array([row for part in found.parts for row in part.q])
     turn = np.degrees(np.ptp(q, axis=0))
     hand, worst = Hand.load(found.task.hand), int(turn.argmax())
@@ -162,6 +162,6 @@ def describe(found: Plan) -> str:
     assert found.certificate is not None
     gap = -(found.certificate.worst["penetration_mm"].value or 0.0)
     return (
-        f"way: {found.joints[worst]} turns most, {turn[worst]:.0f} deg; first {', '.join(movers) or 'nobody'};"
+        f"path: {found.joints[worst]} turns most, {turn[worst]:.0f} deg; first {', '.join(movers) or 'nobody'};"
         f" {found.duration / SPEED:.1f} s; clear by {gap:.1f} mm or more"
     )

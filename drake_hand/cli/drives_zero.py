@@ -27,7 +27,7 @@ def zero(
     yes: bool = False,
     json: bool = False,
 ) -> int:
-    """Find the zeros of all joints, which the drives forget when they are switched off.
+    """Find the zeros of all joints; drives forget them when switched off.
 
     On their mechanical stops at limited current, one joint after the other, each finger from its base, little finger
     first: no object may be in the hand. Or by hand: put the hand into a posture, and say which.

@@ -23,7 +23,7 @@ def export(
     rate: Annotated[float, Parameter(validator=Number(gt=0, lte=10000))] = 100.0,
     json: bool = False,
 ) -> int:
-    """Write a certified plan for another player: joint names, times, commands (offsets included), rates.
+    """Export a certified plan for other controllers: joint names, times, commands (offsets included), rates.
 
     `ros2` is a trajectory_msgs/JointTrajectory in YAML; `mujoco` is a model of hand and object, with the controls
     beside it (.npz). Exit status: 0 written, 2 wrong input or not certified.

@@ -19,7 +19,7 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 
 @app.command
 def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
-    """Say what a hand model consists of and what is wrong with it.
+    """Report what a hand model consists of and what is wrong with it.
 
     Exit status: 0 ready for planning, 1 something prevents planning, 2 the model cannot be read.
 
@@ -76,7 +76,7 @@ def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
 
 @app.command
 def init(urdf: Path, /, *, output: Output, json: bool = False) -> int:
-    """Propose a hand file for a URDF: its fingers, their tips and what to look at.
+    """Draft a hand file for a URDF: its fingers, their tips, and what to check.
 
     ```console
     $ drake-hand hand init my_hand.urdf -o my.hand.yaml

@@ -34,7 +34,7 @@ def plan(
 ) -> int:
     """Find a certified plan for a task.
 
-    Exit status: 0 certified, 1 no plan (says which mode, finger, constraint and pose blocked), 2 wrong input.
+    Exit status: 0 certified, 1 no plan (names the mode, finger, constraint and pose that blocked), 2 invalid input.
 
     ```console
     $ drake-hand plan spin -o spin.plan.json --html spin.html
@@ -44,9 +44,9 @@ def plan(
     Args:
         task: a bundled name (spin, paper, twirl, carry) or a task file.
         output: the plan file; TASK.plan.json here if not given.
-        html: also write a standalone page to watch it, or to see what blocked.
-        seed: instead of the task's.
-        time_limit: seconds, instead of the task's.
+        html: also write a standalone page that shows the plan, or what blocked it.
+        seed: overrides the task's.
+        time_limit: in seconds; overrides the task's.
         everything: print every part and every figure of the certificate.
         json: print one JSON object on stdout.
     """
@@ -90,7 +90,7 @@ def plan(
 
 
 def check(file: Path, /, *, everything: Annotated[bool, Parameter(name="--all")] = False, json: bool = False) -> int:
-    """Prove a plan again, from its file alone.
+    """Certify a plan again, from its file alone.
 
     Exit status: 0 certified, 1 not certified (says what fails, and where), 2 not a plan, or edited since it was made.
 

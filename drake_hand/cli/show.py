@@ -17,7 +17,7 @@ def show(file: str, /, *, html: Path | None = None) -> None:
     """Watch a plan in the browser, or look at a task before there is a plan.
 
     A plan plays, pauses and scrubs, with the mode and its timeline beside the hand; press ? in the page for its keys.
-    A task shows the object at its start, each step's axis or way, and how far the fingertips reach.
+    A task shows the object at its start pose, the axis or path of each step, and the reach of the fingertips.
 
     ```console
     $ drake-hand show spin.plan.json

@@ -34,13 +34,13 @@ def simulate(
     push: Annotated[Push | None, Parameter(name="*")] = None,
     json: bool = False,
 ) -> int:
-    """Replay a plan in physics: does the object stay in the hand, and where does it end?
+    """Replay a plan in physics: does the object stay in the hand, and where does it end up?
 
-    One run is as planned; of more, every one has its own friction, mass, stiffness (20 %) and start pose (1 mm, 2 deg).
+    A single run is as planned; of several, each has its own friction, mass, stiffness (20 %) and start (1 mm, 2 deg).
     A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
-    With --feedback a simulated sensor sees the object, and commands are corrected by what it sees.
-    Ctrl-C ends it within a second and reports the runs that were finished.
-    Exit status: 0 no run dropped the object, 1 one did, 2 wrong input, 130 interrupted.
+    With --feedback, a simulated sensor measures the object's pose, and the commands are corrected accordingly.
+    Ctrl-C ends the simulation within a second and reports the finished runs.
+    Exit status: 0 no run dropped the object, 1 a run did, 2 invalid input, 130 interrupted.
 
     ```console
     $ drake-hand simulate spin.plan.json --html spin.html
@@ -51,13 +51,13 @@ def simulate(
 
     Args:
         file: the plan file.
-        html: write a page of the run as planned; of both engines, the first.
-        runs: how many.
-        seed: of the perturbations and of the sensor's noise.
-        engine: whose physics; mujoco needs `pip install 'drake_hand[mujoco]'`.
-        feedback: correct the commands by what a sensor of the object's pose sees.
-        sensor: how well it sees.
-        push: what pushes the object once in every run, from any side.
+        html: write a page of the unperturbed run; with both engines, of the first.
+        runs: number of runs.
+        seed: for the perturbations and the sensor noise.
+        engine: physics engine; mujoco needs `pip install 'drake_hand[mujoco]'`.
+        feedback: correct the commands with a simulated sensor of the object's pose.
+        sensor: properties of the sensor.
+        push: a force on the object, once per run, from a random direction.
         json: print one JSON object on stdout.
     """
     if html:
@@ -118,10 +118,11 @@ def _print(result: Replay) -> None:
     print(f"success rate {result.success_rate:.0%}, {result.realtime_factor:.2g} x real time")
     if result.rooms:
         least = min(result.rooms, key=lambda room: room.room_mm)
-        print(f"least room: {least.finger} lets go where the object is {least.room_mm:.2g} mm off, part {least.part}")
+        where = f"once the object is {least.room_mm:.2g} mm off, part {least.part}"
+        print(f"smallest room: {least.finger} loses contact {where}")
     saturated = max((r.correction.saturated_s for r in result.runs if r.correction), default=0.0)
     if saturated:
-        print(f"the correction was held back by what the plan allows for up to {saturated:.2g} s of a run")
+        print(f"the correction was saturated for up to {saturated:.2g} s of a run")
 
 
 def _rows(result: Replay) -> Iterable[tuple[Any, ...]]:

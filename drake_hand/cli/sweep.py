@@ -20,11 +20,11 @@ def sweep(
     export: Path | None = None,
     json: bool = False,
 ) -> int:
-    """Plan, prove and replay a grid of tasks, on all cores or on a Dask cluster.
+    """Plan, certify and replay a grid of tasks, on all cores or on a Dask cluster.
 
-    Killed at any moment, it goes on where it stopped when run again. The folder holds the plan files, `results.parquet`
-    with a row for every case (failures with their reason), and figures.
-    Exit status: 0 all cases done, 1 the scheduler was lost, 2 wrong input.
+    A sweep that was killed resumes where it stopped when run again. The folder holds the plan files, `results.parquet`
+    with a row per case (failures with their reason), and figures.
+    Exit status: 0 all cases done, 1 the scheduler was lost, 2 invalid input, 130 interrupted.
 
     ```console
     $ drake-hand sweep grips.sweep.yaml
@@ -33,7 +33,7 @@ def sweep(
     ```
 
     Args:
-        file: which tasks, varied how.
+        file: the tasks and how to vary them.
         output: the folder; FILE.sweep here if not given.
         scheduler: address of a Dask scheduler, instead of the cores of this machine.
         export: also write demonstrations to train on, from all certified plans and their replays, to this folder.
@@ -55,6 +55,10 @@ def sweep(
         try:
             with progress_display(quiet=json) as progress:
                 run_sweep(cases, store, scheduler=scheduler, progress=progress)
+        except KeyboardInterrupt as e:
+            done = sum(i in store.rows for i in ids)
+            words = f"interrupted: {done} of {len(cases)} cases are done; run the sweep again to resume it"
+            raise KeyboardInterrupt(words) from e
         finally:
             results = store.write_table(ids)
         grouped = report.groups(cases, store.rows)

@@ -14,7 +14,7 @@ from drake_hand.epos.state import BIT12, State, decode_state
 
 @dataclass(slots=True)
 class AxisState:
-    """Last known state of one drive; lives in the bus thread."""
+    """Last known state of one drive; owned by the bus thread."""
 
     drive: Drive
     statusword: int = 0

@@ -40,7 +40,7 @@ _BEATS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """Where a run is."""
+    """Progress of a run."""
 
     stage: str
     fraction: float = 0.0

@@ -1,4 +1,4 @@
-"""`Person`: who stands at the hand and is asked before it is powered, and at every pause."""
+"""`Person`: the operator, asked before the hand is powered and at every pause."""
 
 from __future__ import annotations
 

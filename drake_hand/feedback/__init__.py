@@ -1,1 +1,1 @@
-"""The object seen while a plan is played: sensors, and the correction of what they see. Numpy only, no Drake."""
+"""Object feedback during a plan: pose sensors and the correction of commands. Numpy only, no Drake."""

@@ -1,4 +1,4 @@
-"""Typed, strict reading of YAML and JSON, bundled files, and writing that leaves nothing half-written."""
+"""Typed, strict reading of YAML and JSON, bundled files, and atomic writing."""
 
 from __future__ import annotations
 

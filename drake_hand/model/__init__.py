@@ -1,1 +1,1 @@
-"""Hand, object and scene: what the world is made of. Knows nothing of contacts."""
+"""Hand, object and scene. Knows nothing of contacts."""

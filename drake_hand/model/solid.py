@@ -37,8 +37,10 @@ _INPUT = 600
 """Faces of a concave body above which it is simplified before it is cut."""
 _CONCAVITIES = (0.05, 0.03, 0.02)
 """CoACD's threshold, until the error is small enough."""
-_VERSION = "1"
-"""Of the way meshes are cut, for the cache."""
+_WRAP = 30
+"""Cells along an open body in the grid in which it is wrapped."""
+_VERSION = "2"
+"""Of how meshes are decomposed, for the cache."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +128,9 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
     if not closed:
         left = sum(not body.is_watertight for body in bodies)
         rest = (
-            f"; {left} of {len(bodies)} bodies still are, and are closed by their hulls or by wrapping" if left else ""
+            f"; {left} of {len(bodies)} bodies are still open, and are closed by their hulls or by wrapping"
+            if left
+            else ""
         )
         notes.append(f"mesh: its surface was open; holes were filled{rest}")
     return bodies
@@ -145,6 +149,13 @@ def _convex(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimes
     off = _error(body, [hull])
     if off <= ERROR / 2:
         return [hull], off
+    if not body.is_watertight and not _encloses(body):  # its wrapping would be a shell, in hundreds of pieces
+        raise InputError(
+            "mesh is torn open",
+            file=file,
+            found=f"{len(body.faces)} faces with holes too large to be filled; their hull is {off * 1e3:.2f} mm off",
+            expected="a surface that encloses the solid",
+        )
     return _decompose(body, size)
 
 
@@ -161,6 +172,7 @@ def _decompose(body: trimesh.Trimesh, size: float) -> tuple[list[trimesh.Trimesh
             coacd.Mesh(np.asarray(coarse.vertices), np.asarray(coarse.faces)),
             threshold=concavity,
             preprocess_mode="off" if coarse.is_watertight else "on",
+            preprocess_resolution=_WRAP,
             resolution=1000,
             mcts_nodes=10,
             mcts_iterations=40,
@@ -175,6 +187,14 @@ def _decompose(body: trimesh.Trimesh, size: float) -> tuple[list[trimesh.Trimesh
             break
     assert best is not None, "there are concavities to try"
     return best[1], best[0]
+
+
+def _encloses(body: trimesh.Trimesh) -> bool:
+    """Whether an open body has an inside: grid cells that its surface shuts off; the grid closes small holes."""
+    from scipy.ndimage import binary_fill_holes
+
+    surface = np.pad(body.voxelized(float(body.extents.max()) / _WRAP).matrix, 1)
+    return bool(binary_fill_holes(surface).sum() > surface.sum())
 
 
 def _fewer(vertices: np.ndarray, faces: np.ndarray, count: int) -> trimesh.Trimesh:

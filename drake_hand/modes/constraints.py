@@ -1,4 +1,4 @@
-"""A mode's constraint set as a Drake InverseKinematics program in joints and object pose: built here, solved apart."""
+"""A mode's constraint set as a Drake InverseKinematics program in joints and object pose: built, not solved."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Plans tried: commands played into a simulated hand and a free object, and what became of it."""
+"""Plans in simulation: commands replayed on a simulated hand with a free object, and the outcome."""

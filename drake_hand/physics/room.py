@@ -1,4 +1,4 @@
-"""How far the object may be off before a finger no longer holds it: what a plan's forces are worth against errors."""
+"""How far the object may be off before a finger loses contact: the robustness of a plan's preload."""
 
 from __future__ import annotations
 

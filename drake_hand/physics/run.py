@@ -1,4 +1,4 @@
-"""`Record` of a simulated run, and `Run`: what is to be said about it beside the plan."""
+"""`Record` of a simulated run, and `Run`: its comparison with the plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`simulate`: a plan replayed as often as asked, each run a little different, on as many cores as there are."""
+"""`simulate`: repeated replays of a plan, each perturbed, on all cores."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def _in_processes(
         raise DrakeHandError(f"a process of the simulation ended early; {guard}") from e
     finally:
         # After an error, Ctrl-C or a caller that wants no more, nothing a worker still does is of use.
-        with _undisturbed():
+        with undisturbed():
             pool.shutdown(wait=False, cancel_futures=True)
             for worker in set(multiprocessing.active_children()) - others:
                 worker.kill()
@@ -215,7 +215,7 @@ def _in_processes(
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def undisturbed() -> Iterator[None]:
     """A second Ctrl-C asks for nothing more."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Ctrl-C is not heard here

@@ -1,1 +1,1 @@
-"""What is asked and what is found, as data: task, path, plan, trajectory. Needs no Drake."""
+"""The problem and its solution, as data: task, path, plan, trajectory. Needs no Drake."""

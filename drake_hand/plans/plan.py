@@ -106,7 +106,7 @@ class Certificate(_Strict, frozen=True, kw_only=True):
 
 
 class Plan(_Strict, frozen=True, kw_only=True):
-    """What is found: parts, timed joint and object trajectories, contact forces, certificate."""
+    """A plan: parts, timed joint and object trajectories, contact forces, certificate."""
 
     schema: Literal[1] = 1
     task: Task

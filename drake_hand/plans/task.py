@@ -1,4 +1,4 @@
-"""The task file: what is asked, as typed YAML. Needs no Drake."""
+"""The task file: the planning problem as typed YAML. Needs no Drake."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ _SHORTEST_MM = 0.1
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Meta(gt=0)]
+Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""deg. A larger one is a slip of the keyboard, and is lost in rounding as a rotation."""
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):
@@ -33,7 +35,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
     """X_WO as a person writes it: position in mm, roll-pitch-yaw in degrees (fixed axes x, y, z)."""
 
     xyz_mm: Vector
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     joints_deg: dict[str, float] = {}
     """Only in ``start``: start inside a grasp, contacts where the fingertips touch."""
 
@@ -51,7 +53,7 @@ class Rotate(_Strict, frozen=True, kw_only=True):
     axis: Vector
     """In W, or in O if ``frame`` says so (the object's own axis, wherever it points)."""
     frame: Literal["wrist", "object"] = "wrist"
-    angle_deg: float
+    angle_deg: Angle
     about_mm: Vector | None = None
 
 
@@ -65,7 +67,7 @@ class MoveTo(_Strict, frozen=True, kw_only=True):
     """Bring the object to a pose X_WO."""
 
     xyz_mm: Vector
-    rpy_deg: Vector
+    rpy_deg: tuple[Angle, Angle, Angle]
 
 
 class Slide(_Strict, frozen=True, kw_only=True):
@@ -119,12 +121,12 @@ class Physics(_Strict, frozen=True, kw_only=True):
 
     friction: Positive = 0.8
     gravity: Vector | Literal["auto"] = (0.0, 0.0, -STANDARD_GRAVITY)
-    """``auto`` lets the planner choose how the palm is turned; the plan's task says what it chose."""
+    """``auto`` lets the planner choose how the palm is turned; the plan's task records the choice."""
     object_mass_kg: Positive | None = None
 
 
 class Corridor(_Strict, frozen=True, kw_only=True):
-    """How far the object may be beside the nominal way of a step while it moves."""
+    """How far the object may deviate from the nominal path of a step while it moves."""
 
     mm: Positive = 15.0
     deg: Positive = 15.0
@@ -142,7 +144,7 @@ class Options(_Strict, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 0
     time_limit_s: Positive = 60.0
     corridor: Corridor | Literal["none"] = Corridor()
-    """``none`` keeps the object on the nominal way."""
+    """``none`` keeps the object on the nominal path."""
 
 
 class Task(_Strict, frozen=True, kw_only=True):

@@ -1,1 +1,1 @@
-"""Many tasks at once: a grid of them planned, proved and replayed on all cores or a cluster, and a data set of it."""
+"""Many tasks at once: a grid planned, certified and replayed on all cores or a cluster, and exported as a data set."""

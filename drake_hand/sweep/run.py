@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drake_hand.errors import DrakeHandError, InputError
+from drake_hand.physics.runs import cores, undisturbed
 from drake_hand.sweep.spec import Case
 from drake_hand.sweep.store import Store
 from drake_hand.sweep.work import CaseRow, Done, work
@@ -109,8 +110,6 @@ def _client(scheduler: str | None) -> Iterator[Client]:
         from distributed import Client, LocalCluster
     except ImportError as e:
         raise InputError("sweeps need Dask", found="none", expected="pip install 'drake_hand[sweep]'") from e
-    from drake_hand.physics.runs import cores
-
     quiet = {
         "distributed.scheduler.allowed-failures": _TRIES - 1,
         "distributed.comm.retry.count": 0,
@@ -128,7 +127,14 @@ def _client(scheduler: str | None) -> Iterator[Client]:
                 ) as cluster,
                 Client(cluster) as client,
             ):
-                yield client
+                try:
+                    yield client
+                except KeyboardInterrupt:  # nobody waits for what the workers still do
+                    with undisturbed():
+                        for nanny in cluster.workers.values():
+                            nanny.auto_restart = False
+                            cluster.sync(nanny.kill, timeout=0.1)
+                    raise
             return
         try:
             client = Client(scheduler, timeout=5)

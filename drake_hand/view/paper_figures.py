@@ -50,7 +50,7 @@ def draw_automaton(plan: Plan) -> Figure:
             bbox=clear,
             zorder=3,
         )
-    ax.set_title(f"{len(places)} modes; rings: fingers in contact; in colour: the way of the plan", fontsize=6.5)
+    ax.set_title(f"{len(places)} modes; rings: fingers in contact; in colour: the path of the plan", fontsize=6.5)
     return figure
 
 

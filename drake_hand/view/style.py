@@ -71,7 +71,7 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
 
 
 def mark_switches(ax: Axes, plan: Plan) -> None:
-    """Thin lines where the mode changes, unless there are so many that they are a grey wash."""
+    """Thin lines where the mode changes, unless there are too many to tell apart."""
     at = [part.t[0] for part in plan.parts[1:] if part.events]
     for t in at if len(at) <= MOST_SWITCHES else ():
         ax.axvline(t, color="0.88", lw=0.5, zorder=0)

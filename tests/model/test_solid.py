@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 import trimesh
@@ -92,6 +94,31 @@ def test_holes_are_filled(save):
     solid = read_solid(save(box), ONE)
     assert solid.notes == ("mesh: its surface was open; holes were filled",)
     assert trimesh.Trimesh(*solid.pieces[0]).volume == pytest.approx(0.02 * 0.03 * 0.04)
+
+
+def test_a_torn_surface_is_refused_in_seconds(save):
+    """Two corners of a dozen triangles astray: wrapped, that is a thin shell, which once took CoACD a minute."""
+    triangles = trimesh.creation.box((0.02, 0.03, 0.04)).triangles.copy()
+    for astray in ([-0.01378, -0.015, 0.02], [-0.01, -0.01317, 0.02]):
+        face, vertex = np.argwhere(np.isclose(triangles, [-0.01, -0.015, 0.02]).all(axis=2))[0]
+        triangles[face, vertex] = astray
+    file = save(trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles)))
+    began = time.process_time()
+    with pytest.raises(InputError, match="torn open") as refused:
+        read_solid(file, ONE)
+    assert time.process_time() - began < 5.0
+    assert "12 faces with holes too large to be filled" in str(refused.value)
+
+
+def test_a_surface_that_encloses_its_solid_is_wrapped(save):
+    """The U with a hole too many-cornered to be filled, but smaller than a grid cell: there is an inside."""
+    u = channel().subdivide_to_size(0.0012)
+    around = np.isin(np.arange(len(u.vertices)), u.faces[len(u.faces) // 2, :1])
+    u.update_faces(~around[u.faces].any(axis=1))
+    solid = read_solid(save(u), ONE)
+    assert "closed by their hulls or by wrapping" in solid.notes[0]
+    assert depth(solid, [0.020, 0.020, 0.015]) < -0.014, "the middle of the U is air"
+    assert depth(solid, [0.002, 0.020, 0.015]) > 0.001, "its wall is not"
 
 
 def test_flat_is_refused(save):

@@ -42,6 +42,7 @@ def test_shapes_of_drake_are_no_obstacle(small):
         ({'<robot name="small">': "<sdf>", "</robot>": "</sdf>"}, "wrong kind"),
         ({LIMIT: LIMIT.replace("1.5", "-1.5")}, "wrong way round"),
         ({LIMIT: LIMIT.replace("1.5", "nan")}, "not finite"),
+        ({LIMIT: LIMIT.replace("1.5", "1e308")}, "too large"),
         ({LIMIT: LIMIT.replace("1.5", "wide")}, "not a number"),
         (
             {'xyz="0.01 0.02 0.03"': 'xyz="0.01 0.02"'},

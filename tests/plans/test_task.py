@@ -41,3 +41,17 @@ def test_small_moves_are_none_of_that(tmp_path, small):
     file = tmp_path / "x.task.yaml"
     file.write_text(TASK.replace("[0, 0, 10]", small))
     Task.load(file)
+
+
+@pytest.mark.parametrize("key", ["start.rpy_deg[1]", "motion[1].move_to.rpy_deg[2]", "motion[2].rotate.angle_deg"])
+def test_angles_beyond_reason_are_refused(tmp_path, key):
+    """1e308 deg is no rotation: what the certificate made of it was not even a number."""
+    task = "hand: kanguera\nobject: pencil\nstart: {xyz_mm: [60, 0, 165], rpy_deg: [0, A, 0]}\nmotion:\n  - grasp: {}\n"
+    task += "  - move_to: {xyz_mm: [60, 0, 175], rpy_deg: [0, 0, B]}\n  - rotate: {axis: [0, 1, 0], angle_deg: C}\n"
+    letter = {"start.rpy_deg[1]": "A", "motion[1].move_to.rpy_deg[2]": "B"}.get(key, "C")
+    file = tmp_path / "x.task.yaml"
+    for bad in ("1e308", "-2e6"):
+        file.write_text(task.replace(letter, bad).replace("A", "1").replace("B", "1").replace("C", "36000"))
+        with pytest.raises(InputError) as e:
+            Task.load(file)
+        assert e.value.key == key

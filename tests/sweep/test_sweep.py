@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -84,6 +86,41 @@ def test_the_journal_survives_a_line_cut_short(file, tmp_path):
 
 def start(*command, **options):
     return subprocess.Popen([sys.executable, "-m", *command], **options, stderr=subprocess.PIPE, text=True)
+
+
+def workers_of(pid):
+    """Processes that descend from one."""
+    found, todo = [], [pid]
+    while todo:
+        for line in Path("/proc", str(todo.pop()), "task").glob("*/children"):
+            todo += [int(p) for p in line.read_text().split()]
+            found += [int(p) for p in line.read_text().split()]
+    return found
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes in /proc")
+def test_ctrl_c_ends_workers_and_says_what_is_done(tmp_path):
+    (tmp_path / "spins.sweep.yaml").write_text("tasks: [spin]\nseeds: 4\n")
+    command = ("-c", "from drake_hand.cli import main; main()", "sweep", "spins.sweep.yaml")
+    program = subprocess.Popen(
+        [sys.executable, *command], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 120
+    while len(workers_of(program.pid)) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(8)  # at work
+    workers = workers_of(program.pid)
+    assert workers
+    began = time.monotonic()
+    os.killpg(program.pid, signal.SIGINT)
+    _, err = program.communicate(timeout=60)
+    took = time.monotonic() - began
+    assert program.returncode == 130
+    assert re.fullmatch(r"drake-hand: interrupted: \d of 4 cases are done; run the sweep again to resume it\n", err)
+    time.sleep(0.2)
+    stats = [Path(f"/proc/{p}/stat") for p in workers]
+    assert not [p for p in stats if p.exists() and p.read_text().rpartition(")")[2].split()[0] != "Z"]
+    assert took < 1.0 or os.getloadavg()[0] > 2 * (os.cpu_count() or 1), f"took {took:.1f} s"
 
 
 @pytest.fixture

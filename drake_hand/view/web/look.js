@@ -63,7 +63,7 @@
   const reach = () => dh.toggle("stage/reach");
   find("#dh-home").addEventListener("click", home);
   find("#dh-reach").addEventListener("click", reach);
-  dh.bind([["h", "home", home], ["w", "where the fingertips reach", reach], ["a", "axes and ways", () => dh.toggle("stage/ways")]]);
+  dh.bind([["h", "home", home], ["w", "where the fingertips reach", reach], ["a", "axes and paths", () => dh.toggle("stage/ways")]]);
   if (data.blocked) dh.blocked(data.blocked);
   move();
   dh.overlay();

@@ -110,7 +110,7 @@
     ["[", "to the event before", () => jump(events.filter((t) => t < now() - 1e-3).pop() ?? 0)],
     ["]", "to the next event", () => jump(events.find((t) => t > now() + 1e-3) ?? data.duration)],
     ["-", "slower", () => speed(-1)], ["+", "faster", () => speed(1)], ["r", "again and again", loop],
-    ["t", "ways of the contacts", () => ["stage/object/ways", "stage/ways"].forEach(dh.toggle)],
+    ["t", "paths of the contacts", () => ["stage/object/ways", "stage/ways"].forEach(dh.toggle)],
     ["g", "where the object should be, faint", () => dh.toggle("stage/ghost")],
   ]);
   addEventListener("resize", draw);
