@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 
 from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Run
 from drake_hand.plans.plan import Plan
-from drake_hand.view.style import legend_below, mark_switches, panels
+from drake_hand.view.style import in_print, legend_below, mark_switches, panels
 
 _LEAST = 0.01
 """mm and deg; less is drawn as this."""
 _STYLES = (("#0072b2", "-"), ("#d55e00", "--"))
 
 
+@in_print()
 def draw_replay_errors(plan: Plan, runs: Mapping[str, Run]) -> Figure:
     """Errors over time from where the fixture lets go, with what a success may be off at the end.
 

@@ -27,12 +27,12 @@ def draw_run(record: RunRecord, folder: Path, *, formats: Sequence[str] = ("png"
         The files written.
     """
     files = []
-    with in_print():
-        for name, draw in {"tracking": draw_tracking, "errors": draw_errors}.items():
-            files += save(draw(record), folder, name, formats)
+    for name, draw in {"tracking": draw_tracking, "errors": draw_errors}.items():
+        files += save(draw(record), folder, name, formats)
     return files
 
 
+@in_print()
 def draw_tracking(record: RunRecord) -> Figure:
     """Commanded and measured position, a panel per joint."""
     joints = record.header.joints
@@ -55,6 +55,7 @@ def draw_tracking(record: RunRecord) -> Figure:
     return figure
 
 
+@in_print()
 def draw_errors(record: RunRecord) -> Figure:
     """Tracking error of every joint as a map over time, and how late each SYNC was."""
     joints = record.header.joints
