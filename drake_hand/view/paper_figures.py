@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
 
 from drake_hand.modes.code import Mode
 from drake_hand.modes.graph import layout
@@ -73,6 +74,8 @@ def draw_coordination(plan: Plan, course: Course) -> Figure:
     axes[-1].plot(s.t, angle if angle.any() else far, color="0.2")
     axes[-1].set_ylabel("object\n[deg]" if angle.any() else "object\n[mm]")
     axes[-1].set_ylim(bottom=0)
+    if 180 <= angle.max() <= 720:
+        axes[-1].yaxis.set_major_locator(MultipleLocator(180))
     for ax in axes:
         mark_switches(ax, plan)
     return figure
