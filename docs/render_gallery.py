@@ -18,7 +18,7 @@ from drake_hand.files import data_dir
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view.figures import drawings
-from drake_hand.view.style import in_print, save
+from drake_hand.view.style import save
 
 HERE = Path(__file__).parent
 FIGURES = {
@@ -98,11 +98,10 @@ if __name__ == "__main__":
     folder, *names = Path(sys.argv[1]), *sys.argv[2:]
     plans = {name: Plan.load(folder / f"{name}.plan.json") for name in FIGURES}
     drawn = names or list(FIGURES)
-    with in_print():
-        for name in drawn:
-            draw = drawings(plans[name], Hand.load(plans[name].task.hand))
-            for figure in FIGURES[name]:
-                save(draw[figure](), HERE / "gallery", f"{name}_{figure}", ["png"])
+    for name in drawn:
+        draw = drawings(plans[name], Hand.load(plans[name].task.hand))
+        for figure in FIGURES[name]:
+            save(draw[figure](), HERE / "gallery", f"{name}_{figure}", ["png"])
     shown = [(plans[name], moment(plans[name])) for name in drawn]
     for name, image in zip(drawn, pictures(shown, fineness=1.0), strict=True):
         image.save(HERE / "gallery" / f"{name}.png", optimize=True)

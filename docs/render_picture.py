@@ -1,6 +1,6 @@
 """Renders pages of plans at a time each, side by side.
 
-python docs/render_picture.py docs/spin.png spin.plan.json@12.5 cube.plan.json@80
+python docs/render_picture.py docs/spin.png spin.plan.json@13.2 cube.plan.json@20
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 
 
-SLOW = {"01_quick_start", "05_forces_and_physics", "07_drives"}
+SLOW = {"01_quick_start", "05_forces_and_physics", "06_your_own_hand", "07_drives"}
 """They plan in equilibrium, simulate, or keep time."""
 
 

@@ -75,12 +75,11 @@ def _draw_replays(plan: Plan, folder: Path, formats: list[str]) -> list[Path]:
     from drake_hand.physics.engine import EngineName
     from drake_hand.physics.runs import simulate
     from drake_hand.view.replay_figures import draw_replay_errors
-    from drake_hand.view.style import in_print, save
+    from drake_hand.view.style import save
 
     engines: list[EngineName] = ["drake", "mujoco"] if find_spec("mujoco") else ["drake"]
     if len(engines) == 1:
         print("only in Drake: pip install 'drake_hand[mujoco]' for the other engine", file=sys.stderr)
     with progress_display(quiet=False) as progress:
         runs = {str(engine): simulate(plan, engine=engine, progress=progress).runs[0] for engine in engines}
-    with in_print():
-        return save(draw_replay_errors(plan, runs), folder, "replay_errors", formats)
+    return save(draw_replay_errors(plan, runs), folder, "replay_errors", formats)

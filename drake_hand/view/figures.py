@@ -66,12 +66,12 @@ def draw_plan(plan: Plan, hand: Hand, folder: Path, *, formats: Sequence[str] = 
         if suffix not in FORMATS:
             raise InputError("unknown format", key="formats", found=suffix, expected=", ".join(FORMATS))
     files = []
-    with in_print():
-        for name, draw in drawings(plan, hand).items():
-            files += save(draw(), folder, name, formats)
+    for name, draw in drawings(plan, hand).items():
+        files += save(draw(), folder, name, formats)
     return files
 
 
+@in_print()
 def draw_modes(plan: Plan) -> Figure:
     """Which finger is free, rolling or sliding when."""
     figure = column(14 + 5 * len(plan.fingers))
@@ -91,6 +91,7 @@ def draw_modes(plan: Plan) -> Figure:
     return figure
 
 
+@in_print()
 def draw_joints(plan: Plan, course: Course) -> Figure:
     """Where each joint is in its range, a panel per finger: 0 the lower limit, 100 the upper."""
     hand = course.hand
@@ -109,6 +110,7 @@ def draw_joints(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_speeds(plan: Plan, course: Course) -> Figure:
     """Greatest joint speed and acceleration of each finger as a share of their limits."""
     hand, s = course.hand, course.states
@@ -126,6 +128,7 @@ def draw_speeds(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_object(plan: Plan, course: Course) -> Figure:
     """Turn of the object about the axis it turns about, with the angle asked for, and its displacement."""
     s = course.states
@@ -153,6 +156,7 @@ def draw_object(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_contacts(plan: Plan, course: Course) -> Figure:
     """Distance between fingertip and contact point, with what the certificate allows."""
     figure, (ax,) = panels(48, 1)
@@ -168,6 +172,7 @@ def draw_contacts(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_forces(plan: Plan, course: Course) -> Figure:
     """Planned contact force of each finger, the share of its friction cone left, and its joints' torque."""
     s = course.states
@@ -187,6 +192,7 @@ def draw_forces(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_margin(plan: Plan, course: Course) -> Figure:
     """The least share of any friction cone left, over time, its worst instant marked."""
     figure, (ax,) = panels(42, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
 
 from drake_hand.modes.code import Mode
 from drake_hand.modes.graph import layout
@@ -12,12 +13,13 @@ from drake_hand.plans.plan import Plan
 from drake_hand.view.colors import finger_color
 from drake_hand.view.course import Course, object_turn
 from drake_hand.view.sketch import Sketch
-from drake_hand.view.style import bent_arrow, column, legend_below, mark_switches, panels, touching
+from drake_hand.view.style import bent_arrow, column, in_print, legend_below, mark_switches, panels, touching
 
 _VISITED = "#d55e00"
 FRAMES = 4
 
 
+@in_print()
 def draw_automaton(plan: Plan) -> Figure:
     """All modes, a ring per number of fingers in contact, and the way of the plan through them (Fig. 11)."""
     figure = column(85)
@@ -54,6 +56,7 @@ def draw_automaton(plan: Plan) -> Figure:
     return figure
 
 
+@in_print()
 def draw_coordination(plan: Plan, course: Course) -> Figure:
     """Which finger is active when, above how far the object has turned, or moved where it does not turn (Fig. 12)."""
     s = course.states
@@ -71,11 +74,14 @@ def draw_coordination(plan: Plan, course: Course) -> Figure:
     axes[-1].plot(s.t, angle if angle.any() else far, color="0.2")
     axes[-1].set_ylabel("object\n[deg]" if angle.any() else "object\n[mm]")
     axes[-1].set_ylim(bottom=0)
+    if 180 <= angle.max() <= 720:
+        axes[-1].yaxis.set_major_locator(MultipleLocator(180))
     for ax in axes:
         mark_switches(ax, plan)
     return figure
 
 
+@in_print()
 def draw_states(plan: Plan) -> Figure:
     """The modes a plan goes through and the events between them (Fig. 13); A is the one without contact."""
     visited = sorted(dict.fromkeys(plan.modes), key=lambda c: (c.strip("0") != "", [-int(digit) for digit in c]))
@@ -110,6 +116,7 @@ def draw_states(plan: Plan) -> Figure:
     return figure
 
 
+@in_print()
 def draw_frames(plan: Plan, course: Course) -> Figure:
     """Hand and object at four instants: before the grasp, in the first grasp, in a regrasp, at the end (Fig. 14)."""
     touching = [len(p.mode) - p.mode.count("0") for p in plan.parts]
@@ -126,13 +133,15 @@ def draw_frames(plan: Plan, course: Course) -> Figure:
     return figure
 
 
+@in_print()
 def draw_path(plan: Plan, course: Course, finger: str = "") -> Figure:
-    """The spatial path of a fingertip, with the points where it lets go and takes hold again (Fig. 15)."""
+    """The spatial path of a fingertip from its first contact on, with where it lets go and takes hold (Fig. 15)."""
     i = _finger(plan, finger)
+    held = np.isfinite(course.gap[:, i])
+    first = max(int(np.argmax(held)) - 1, 0)  # the way there is longer than all that follows
     figure = column(72)
     ax = figure.add_subplot(projection="3d")
-    p = 1e3 * course.p_WC[:, i]
-    held = np.isfinite(course.gap[:, i])
+    p, held = 1e3 * course.p_WC[first:, i], held[first:]
     for rows, color, label in ((held, finger_color(i), "in contact"), (~held, "0.6", "free")):
         ax.plot(*np.where(rows[:, None], p, np.nan).T, color=color, lw=1.1, label=label)
     change = np.flatnonzero(np.diff(held.astype(int)))
@@ -148,6 +157,7 @@ def draw_path(plan: Plan, course: Course, finger: str = "") -> Figure:
     return figure
 
 
+@in_print()
 def draw_velocity(plan: Plan, course: Course, finger: str = "") -> Figure:
     """Speed of a fingertip over the longest stretch in which it pushes the object on (Fig. 16)."""
     i = _finger(plan, finger)
@@ -169,6 +179,7 @@ def draw_velocity(plan: Plan, course: Course, finger: str = "") -> Figure:
     return figure
 
 
+@in_print()
 def draw_contact_map(plan: Plan, course: Course) -> Figure:
     """Where each finger touched the object, unrolled: along its long axis, and around it; lines where contacts roll."""
     p = course.states.p_OP

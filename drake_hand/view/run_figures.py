@@ -27,12 +27,12 @@ def draw_run(record: RunRecord, folder: Path, *, formats: Sequence[str] = ("png"
         The files written.
     """
     files = []
-    with in_print():
-        for name, draw in {"tracking": draw_tracking, "errors": draw_errors}.items():
-            files += save(draw(record), folder, name, formats)
+    for name, draw in {"tracking": draw_tracking, "errors": draw_errors}.items():
+        files += save(draw(record), folder, name, formats)
     return files
 
 
+@in_print()
 def draw_tracking(record: RunRecord) -> Figure:
     """Commanded and measured position, a panel per joint."""
     joints = record.header.joints
@@ -50,11 +50,13 @@ def draw_tracking(record: RunRecord) -> Figure:
     for ax in axes[len(joints) :]:
         ax.set_visible(False)
     figure.supylabel("position [deg]", fontsize=7)
-    figure.supxlabel("time [s]", fontsize=7)
+    for ax in axes[3 * (rows - 1) : len(joints)]:
+        ax.set_xlabel("time [s]")
     legend_below(figure, axes[0])
     return figure
 
 
+@in_print()
 def draw_errors(record: RunRecord) -> Figure:
     """Tracking error of every joint as a map over time, and how late each SYNC was."""
     joints = record.header.joints
@@ -65,7 +67,7 @@ def draw_errors(record: RunRecord) -> Figure:
     shown = error.pcolormesh(edges, rows, np.abs(record.error_deg).T, cmap="viridis", vmin=0, rasterized=True)
     error.set_yticks(range(len(joints)), joints, fontsize=5.5)
     error.invert_yaxis()
-    figure.colorbar(shown, ax=error, label="commanded - measured [deg]")
+    figure.colorbar(shown, ax=error, label="|commanded - measured| [deg]")
     late.plot(record.t, record.late_ms, color="0.3", lw=0.5)
     late.axhline(record.header.sync_ms, color=FAULT, ls="--", lw=0.6)
     late.set_ylabel("SYNC late\n[ms]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,8 @@ MOST_SWITCHES = 60
 """Changes of mode up to which they are marked."""
 FORMATS = ("svg", "pdf", "png")
 _DPI = 300
+_CELL = (200, 130)
+"""Dots per inch of a figure in a notebook cell, and at which of them it is shown there: larger than in print."""
 _RC: dict[Any, Any] = {
     "font.size": 7,
     "axes.titlesize": 7,
@@ -40,16 +43,28 @@ _RC: dict[Any, Any] = {
 }
 
 
+class Column(Figure):
+    """A figure as wide as a column; shows itself in a notebook cell, whether or not pyplot was imported."""
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        data = io.BytesIO()
+        fine, shown = _CELL
+        with in_print():
+            self.savefig(data, dpi=fine)
+        width, height = self.get_size_inches() * shown
+        return data.getvalue(), {"width": round(width), "height": round(height)}
+
+
 @contextmanager
 def in_print() -> Iterator[None]:
-    """Draws what is drawn inside in print style."""
+    """Draws what is drawn inside in print style; as a decorator, what a function draws."""
     with matplotlib.rc_context(_RC):
         yield
 
 
 def column(height_mm: float) -> Figure:
     """An empty figure as wide as a column."""
-    return Figure(figsize=(WIDTH_MM / 25.4, height_mm / 25.4), layout="constrained")
+    return Column(figsize=(WIDTH_MM / 25.4, height_mm / 25.4), layout="constrained")
 
 
 def panels(height_mm: float, rows: int, **shape: Any) -> tuple[Figure, list[Axes]]:
@@ -66,7 +81,8 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
     files = [folder / f"{name}.{suffix}" for suffix in formats]
     for file in files:
         dateless = {} if file.suffix == ".png" else {"Date" if file.suffix == ".svg" else "CreationDate": None}
-        figure.savefig(file, dpi=_DPI, metadata=dateless)
+        with in_print():
+            figure.savefig(file, dpi=_DPI, metadata=dateless)
     return files
 
 

@@ -168,7 +168,7 @@
     part = i;
     [...data.parts[i].mode].forEach((digit, k) => { digits[k].textContent = digit; digits[k].className = "dh-" + digit; });
     find("#dh-event").textContent =
-      `part ${i + 1} of ${data.parts.length}` + (data.parts[i].events.length ? ": " + data.parts[i].events.join(", ") : "");
+      `part ${i} of 0 \u2026 ${data.parts.length - 1}` + (data.parts[i].events.length ? ": " + data.parts[i].events.join(", ") : "");
   }
   draw();
   follow(0);
