@@ -100,9 +100,7 @@ def test_plot_wants_a_folder_or_a_place_for_one(plan_file, tmp_path, capsys):
 
 
 def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, capsys):
-    result = api.PlanResult(
-        plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3}
-    )
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3})
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
     file, page = tmp_path / "a.plan.json", tmp_path / "a.html"
