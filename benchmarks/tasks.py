@@ -13,7 +13,15 @@ from drake_hand import api
 from drake_hand.errors import NoPlanFound
 from drake_hand.plans.task import Task
 
-TASKS = [("spin", None), ("spin", -360.0), ("spin", 720.0), ("spin", 3600.0), ("paper", None), ("carry", None)]
+TASKS = [
+    ("spin_fast", None),
+    ("spin", None),
+    ("spin", -360.0),
+    ("spin", 720.0),
+    ("spin", 3600.0),
+    ("paper", None),
+    ("carry", None),
+]
 TASKS += [("carry_far", None), ("twirl", None)]
 
 

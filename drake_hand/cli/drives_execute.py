@@ -12,6 +12,7 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from drake_hand.cli.drives_feedback import SIMULATED, Seen, refuse_nonsense
 from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_person import Terminal, say
 from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
@@ -40,6 +41,7 @@ def execute(
     channel: str | None = None,
     simulate: bool = False,
     physics: bool = False,
+    feedback: str | None = None,
     speed: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = 1.0,
     fingers: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     to_part: int | None = None,
@@ -69,6 +71,8 @@ def execute(
     ```console
     $ drake-hand execute spin.plan.json --drives kanguera --simulate
     $ drake-hand execute spin.plan.json --drives kanguera --simulate --physics --pause grasp
+    $ drake-hand execute spin.plan.json --drives kanguera --simulate --physics --feedback simulated
+    $ drake-hand execute spin.plan.json --drives my.drives.yaml --feedback udp:5005
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --fingers index --speed 0.2 --to-part 0
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --pause grasp --log today.run.npz
     $ drake-hand execute spin.plan.json --drives my.drives.yaml --dry-run --frames | less
@@ -82,6 +86,9 @@ def execute(
         simulate: play on simulated drives in a child process, on a bus of their own.
         physics: with --simulate: their motors move the hand in Drake's physics, the object free; slower than real time.
             With --log, object pose and contact forces go into a .physics.npz beside it.
+        feedback: where poses of the object come from, by which the motion is corrected: udp:[HOST:]PORT, a recording,
+            MODULE:FUNCTION, or, with --physics, simulated. A line is one look, in the wrist frame:
+            {"xyz_mm": [..], "quaternion_wxyz": [..], "age_ms": 12}.
         speed: share of the planned speed.
         fingers: play only these; the drives of the others are left alone, where they are.
         to_part: end after this part, counted from 0 as `check` and `show` do.
@@ -107,6 +114,8 @@ def execute(
         raise InputError("--simulate has a bus of its own", key="--simulate", expected="no --interface, no --channel")
     if physics and not simulate:
         raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
+    if feedback:
+        refuse_nonsense(feedback, physics=physics, fingers=bool(fingers), empty=empty)
     if twin and not hand.feel:
         raise InputError("a twin compares torques", key="--twin", expected=f"torque_constant_nm_a in {hand.file}")
     if log and not log.name.endswith(SUFFIX):
@@ -118,7 +127,11 @@ def execute(
     if dry_run:
         return _dry_run(found, played, excerpt, frames, json)
     with ExitStack() as stack:
-        physical = _physical(stack, plan, found, hand, log) if physics else None
+        seen = Seen.of(found, feedback, speed) if feedback else None
+        if seen:
+            stack.callback(seen.close)
+        sensor = seen.port if seen and feedback == SIMULATED else None
+        physical = _physical(stack, plan, found, hand, log, sensor) if physics else None
         spawned = physical.spawned if physical else None
         if simulate and not physics:
             spawned = _simulated(stack, found, hand)
@@ -160,6 +173,7 @@ def execute(
                     person=person,
                     hold=on_interrupt == "hold",
                     feel=None if empty or fingers or (simulate and not physics) else feel(found, played),
+                    correct=seen.corrected if seen else None,
                     log=log,
                     progress=progress,
                 )
@@ -171,7 +185,7 @@ def execute(
             refused = {"drives": len(played.drives), "problems": e.problems, "faults": [], "disabled": e.disabled}
             print_json({"ok": False, **refused})
             return e.exit_status
-        return _print_run(run, json, physical.outcome() if physical else None)
+        return _print_run(run, json, physical.outcome() if physical else None, seen)
 
 
 def _joints(plan: Plan, fingers: list[str]) -> list[str]:
@@ -212,8 +226,10 @@ def _summary(plan: Plan, schedule: Schedule, excerpt: Excerpt) -> str:
     return "; ".join(words)
 
 
-def _physical(stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Path | None) -> PhysicalHand:
-    """The hand in physics, standing where the plan starts.
+def _physical(
+    stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Path | None, sensor: int | None
+) -> PhysicalHand:
+    """The hand in physics, standing where the plan starts; what its sensor sees goes to that port.
 
     Raises:
         Refused: the plan does not fit the drives.
@@ -222,7 +238,9 @@ def _physical(stack: ExitStack, file: Path, plan: Plan, drives: Drives, log: Pat
     if unfit:
         raise preflight.Refused(problems, wrong_input=True)
     record = log.with_name(log.name.removesuffix(SUFFIX) + ".physics.npz") if log else None
-    return stack.enter_context(spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record))
+    return stack.enter_context(
+        spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record, sensor=sensor)
+    )
 
 
 def _simulated(stack: ExitStack, plan: Plan, drives: Drives) -> SpawnedDrives:
@@ -277,8 +295,8 @@ def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
     return int(bool(remaining))
 
 
-def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None) -> int:
-    answer = run.answer()
+def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None, seen: Seen | None = None) -> int:
+    answer = run.answer() | ({"feedback": seen.answer()} if seen else {})
     ok = run.ok and not (outcome and outcome.dropped)
     if json:
         print_json(answer if outcome is None else answer | {"engine": "drake", "object": msgspec.to_builtins(outcome)})
@@ -294,6 +312,12 @@ def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None) ->
     if answer["not_disabled"]:
         print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
     print(("played" if answer["ok"] else "not played to its end") + f"; {answer['drives']} drives")
+    if seen:
+        did = seen.correction.report
+        print(
+            f"feedback: {did.looks} looks, none for {did.lost_s:.1f} s; joints corrected by up to"
+            f" {did.largest_deg:.2f} deg; held back by what the plan allows for {did.saturated_s:.1f} s"
+        )
     if outcome:
         print(
             f"the object: {'DROPPED' if outcome.dropped else 'in the hand'} at {outcome.at_s:.2f} s, off the plan by"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import queue
+import socket
 import sys
 import tempfile
 import threading
@@ -25,6 +26,8 @@ from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import serve_in_step
 from drake_hand.epos.sim.process import SpawnedDrives, begin, child, free_channel, inject, listen, ready
 from drake_hand.errors import DrakeHandError, DriveError, InputError
+from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
+from drake_hand.feedback.sources import line
 from drake_hand.files import convert
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
@@ -51,6 +54,8 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     seed: int | None
     """Of what is not as planned: friction, mass, stiffness; None for nothing."""
     record: str | None
+    sensor: int | None
+    """UDP port to which a simulated sensor of the object's pose sends what it sees."""
 
 
 class Mishap(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -109,6 +114,7 @@ def spawn_physical_hand(
     handed_s: float | None = None,
     seed: int | None = None,
     record: Path | None = None,
+    sensor: int | None = None,
 ) -> Iterator[PhysicalHand]:
     """Simulated drives whose motors move the hand of a plan in physics, its object where the plan starts.
 
@@ -119,6 +125,7 @@ def spawn_physical_hand(
         zeroed: whether the drives' zeros are known.
         handed_s: plan time at which a person brings the object, in each run again.
         seed: of what is not as planned; everything is as planned if not given.
+        sensor: UDP port on this computer to which a sensor of the object's pose sends what it sees.
         record: file for what happened (npz): plan time, object pose, joints, contact forces.
 
     Raises:
@@ -138,6 +145,7 @@ def spawn_physical_hand(
             handed_s=handed_s,
             seed=seed,
             record=str(record) if record else None,
+            sensor=sensor,
         )
         with child(["-m", "drake_hand.cli.drives_physics"], setup, "physics") as process:
             yield PhysicalHand(
@@ -221,6 +229,8 @@ class _World:
         self._loose: list[int] = []
         self._mishaps: queue.SimpleQueue[Mishap] = queue.SimpleQueue()
         self._joints = hand.joints
+        self._sensor = SimulatedSensor(PoseSensor(), setup.seed or 0)
+        self._sender, self._port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), setup.sensor
         self._began: tuple[float, float] | None = None
         self._slowed = 1.0
         self._rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
@@ -295,6 +305,8 @@ class _World:
         self._began = self._began or (t, time.monotonic())
         if t > self._began[0]:
             self._slowed = (time.monotonic() - self._began[1]) / (t - self._began[0])
+        if self._port:
+            self._see(plan_time)
         self._steps += 1
         if self._steps % _SAMPLE_STEPS:
             return
@@ -302,6 +314,12 @@ class _World:
         self._rows.append((plan_time, X_WO, self.physics.q, touch.f_W))
         away = X_WO[:3, 3] - self._trajectory.at(plan_time).X_WO[0, :3, 3]
         self._dropped |= self._free and (float(np.linalg.norm(away)) * 1e3 > DROPPED_MM or not touch.f_W.any())
+
+    def _see(self, plan_time: float) -> None:
+        """Sends what the sensor sees."""
+        self._sensor.observe(plan_time, self.physics.X_WO)
+        if (seen := self._sensor.poll(plan_time)) is not None:
+            self._sender.sendto(line(seen.X_WO, plan_time - seen.t), ("127.0.0.1", self._port))
 
     @property
     def played(self) -> bool:

@@ -19,6 +19,7 @@ import numpy as np
 from drake_hand import __version__
 from drake_hand.epos import discovery
 from drake_hand.epos.configure import configure, release
+from drake_hand.epos.corrected import Corrected
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.grip import Grip
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
@@ -105,6 +106,7 @@ def execute(
     person: Person = AGREES,
     hold: bool = False,
     feel: Callable[[Schedule], Grip] | None = None,
+    correct: Callable[[Schedule], Corrected] | None = None,
     log: Path | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Run:
@@ -122,6 +124,7 @@ def execute(
         problems: what is known to be wrong already, one line each.
         person: asked before any drive is enabled, at every pause, and while the hand holds after Ctrl-C.
         feel: makes what judges the fingers' grip, where an object is, or will be, in the hand.
+        correct: makes what corrects the motion by where the object is seen.
         hold: whether Ctrl-C makes the hand hold what it holds.
         log: file for the run's record.
         progress: called a few times a second.
@@ -145,7 +148,11 @@ def execute(
                 raise Refused(found, wrong_input=False, disabled=not discovery.disable_all(master, drives.drives))
             off.clear()  # until they are read back
             player = Player(
-                schedule, master.send, partial(master.clock.tell, plan.hash), feel(schedule) if feel else None
+                schedule,
+                master.send,
+                partial(master.clock.tell, plan.hash),
+                feel(schedule) if feel else None,
+                correct(schedule) if correct else None,
             )
             run = _play(master, plan, player, str(bus.channel_info), person, hold, progress, off)
         finally:

@@ -14,6 +14,7 @@ import can
 
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.backend import Backend
+from drake_hand.epos.corrected import Corrected
 from drake_hand.epos.csp import CspBackend
 from drake_hand.epos.grip import Grip
 from drake_hand.epos.logbook import Logbook
@@ -67,6 +68,7 @@ class Player:
         send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
         tell: told the plan time of each SYNC once the motion has begun.
         grip: judges what the fingers press, where an object is in the hand.
+        corrected: changes the schedule's rows to come by where the object is seen.
     """
 
     def __init__(
@@ -75,8 +77,9 @@ class Player:
         send: Callable[[int, bytes], None],
         tell: Callable[[float], None] = lambda _: None,
         grip: Grip | None = None,
+        corrected: Corrected | None = None,
     ) -> None:
-        self.schedule, self.grip = schedule, grip
+        self.schedule, self.grip, self._corrected = schedule, grip, corrected
         self.watch = Watch(schedule.drives)
         self.axes = self.watch.axes
         self.faults: list[Fault] = []
@@ -150,6 +153,8 @@ class Player:
         if self._moving:
             self.step = min(self.step + 1 + skipped, self._stretch[1])
             self.watch.demand = self.schedule.counts[self.step].tolist()
+            if self._corrected:
+                self._corrected.tick(self.step)
         between = not self._moving and not self._stopping and self.step < self.schedule.last
         self.log.open_row(now, late, -1 if between else self.step, moving=self._moving)
         try:
@@ -247,6 +252,8 @@ class Player:
         first = 0
         for last in self.schedule.stops:
             self._stretch = first, last
+            if self._corrected:
+                self._corrected.begin(first, last)
             yield from self._prime()
             self.stage = "playing"
             yield from self._motion()

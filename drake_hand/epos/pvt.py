@@ -18,6 +18,17 @@ LOW_S = 0.1
 """Less than this queued before the end stops the group: the drive would fault at two records."""
 
 
+def _queued(schedule: Schedule) -> int:
+    """Records kept in a queue."""
+    ms = schedule.record_steps * schedule.drives.bus.sync_ms
+    return min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
+
+
+def most_ahead(schedule: Schedule) -> int:
+    """Steps that a record may be sent before it is played, at most: a full queue and what is sent to a fast one."""
+    return (_queued(schedule) + 3) * schedule.record_steps
+
+
 class PvtBackend:
     """One EPOS2.
 
@@ -31,7 +42,7 @@ class PvtBackend:
         ms = schedule.record_steps * schedule.drives.bus.sync_ms
         self._counts, self._rpm, self._ms = schedule.counts[rows, column], schedule.rpm[rows, column], ms
         self._every, self._phase = schedule.record_steps, column
-        self._target = min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
+        self._target = _queued(schedule)
         self._low = min(max(3, int(LOW_S * 1e3 / ms)), self._target - 1)
         self._first = self._next = self._flying = 0
         self._count = len(self._counts)

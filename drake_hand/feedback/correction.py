@@ -23,6 +23,9 @@ GAIN = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
 TRUST = 0.1
 """Share of what a look says anew that is believed at once: what a look is worth at 30 a second and 1 deg of noise."""
+TIMING_S, NOISE = 0.01, np.radians(1.0)
+"""How well it is known when the object was where, s, and how well a look shows its turn, rad: while it turns so fast
+that the first makes more of a difference than the second, looks count for less."""
 LEARN = 0.075
 """Share of what a look says anew that is put down to drift, per rad/s of planned turning."""
 MOST_DRIFT = 0.15
@@ -173,12 +176,13 @@ class Correction:
         if not self._believed:
             self._error, self._since = np.zeros(6), 0
         self._since += 1
-        share = max(TRUST, 1 / self._since)  # the mean of the first looks
+        w = self._turning[row]
+        clear = 1 / (1 + float(w @ w) * (TIMING_S / NOISE) ** 2)
+        share = clear * max(TRUST, 1 / self._since)  # the mean of the first looks
         self._error = self._error + share * news
         self._thought += share * news
         if self._held[row]:
-            w = self._turning[row]
-            learnt = self._drift + LEARN * (news[:3] @ w) / (w @ w + _SLOW**2)
+            learnt = self._drift + clear * LEARN * (news[:3] @ w) / (w @ w + _SLOW**2)
             self._drift = float(np.clip(learnt, -MOST_DRIFT, MOST_DRIFT))
         self._looks, self._last_look = self._looks + 1, t
 

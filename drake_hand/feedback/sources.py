@@ -10,6 +10,7 @@ the time the line takes to arrive is not counted. No clocks have to agree.
 
 from __future__ import annotations
 
+import importlib
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
-from drake_hand.feedback.pose import PoseSeen
+from drake_hand.feedback.pose import PoseSeen, PoseSource
 
 Vector = tuple[float, float, float]
 _LARGEST = 4096
@@ -76,6 +77,38 @@ def parse(line: bytes) -> PoseLine:
         raise InputError(f"not a pose: {e}", found=line[:120], expected="a JSON object, see `execute --help`") from e
     read.pose()
     return read
+
+
+def line(X_WO: np.ndarray, age_s: float) -> bytes:
+    """The line of a pose X_WO (4, 4) of which the picture was taken so long ago."""
+    xyzw = Rotation.from_matrix(X_WO[:3, :3]).as_quat().tolist()
+    xyz_mm = (X_WO[:3, 3] * 1e3).tolist()
+    pose = {"xyz_mm": xyz_mm, "quaternion_wxyz": [xyzw[3], *xyzw[:3]], "age_ms": age_s * 1e3}
+    return msgspec.json.encode(pose)
+
+
+def open_source(spec: str) -> PoseSource:
+    """A source by its name: ``udp:[HOST:]PORT``, ``MODULE:FUNCTION``, or a recording's path.
+
+    Raises:
+        InputError: there is none such.
+    """
+    kind, _, rest = spec.rpartition(":")
+    if not kind:
+        file = Path(spec)
+        if not file.is_file():
+            expected = "udp:[HOST:]PORT, MODULE:FUNCTION, or a recording"
+            raise InputError("no such source", key="--feedback", found=spec, expected=expected)
+        return RecordedSource(file)
+    if kind == "udp" or kind.startswith("udp:"):
+        if not rest.isdecimal() or int(rest) > 65535:
+            raise InputError("not a port", key="--feedback", found=rest, expected="0 to 65535")
+        return UdpSource(kind.removeprefix("udp").removeprefix(":") or "127.0.0.1", int(rest))
+    try:
+        ask = getattr(importlib.import_module(kind), rest)
+    except (ImportError, AttributeError) as e:
+        raise InputError(f"no such function: {e}", key="--feedback", found=spec, expected="MODULE:FUNCTION") from e
+    return CallableSource(ask)
 
 
 class UdpSource:

@@ -81,6 +81,28 @@ class Scene:
         """
         return q @ self._expand.T + self._offset
 
+    def inertia_torques(self, q: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Torques that accelerating the hand takes, links and rotors, at low speed.
+
+        Args:
+            q: (N, nq) commanded joints; the hand is left at the last row.
+            a: (N, nq) rad/s^2.
+
+        Returns:
+            (N, nq) Nm.
+        """
+        velocities = sorted(
+            j.velocity_start()
+            for j in map(self.plant.get_joint, self.plant.GetJointIndices(self.hand_model))
+            if j.num_velocities() == 1
+        )
+        torque = np.empty_like(q)
+        for i, row in enumerate(q):
+            self.set(row)
+            M = self.plant.CalcMassMatrix(self.plant_context)[np.ix_(velocities, velocities)]
+            torque[i] = self._expand.T @ (M @ (self._expand @ a[i]))
+        return torque
+
     def set(self, q: np.ndarray, X_WO: np.ndarray | RigidTransform | None = None) -> None:
         """Puts hand and object where they are asked about.
 

@@ -42,7 +42,7 @@ class RateLimits:
         body = path.object
         mass = path.task.physics.object_mass_kg or body.mass
         speed, acceleration = path.hand.speed, path.hand.acceleration
-        if any(leg.f_W for leg in path.legs):
+        if any(leg.f_W for leg in path.legs) and path.task.options.timing != "fast":
             force = INERTIA_SHARE * mass * STANDARD_GRAVITY
             speed = np.concatenate([speed, np.full(6, np.inf)])
             acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * TORQUE_LENGTH)])

@@ -25,6 +25,11 @@ def parabolic() -> PPoly:
     return PPoly([[a / 2, 0.0, -a / 2], [0.0, ds, ds], [0.0, s1, 1 - s1]], [0.0, BLEND, 1 - BLEND, 1.0])
 
 
+def smooth() -> PPoly:
+    """A polynomial of fifth degree over one second, acceleration zero at both ends: no force jumps."""
+    return PPoly([[6.0], [-15.0], [10.0], [0.0], [0.0], [0.0]], [0.0, 1.0])
+
+
 def stretched(law: PPoly, factor: float) -> PPoly:
     """The same law, taking `factor` as long."""
     powers = np.arange(len(law.c))[::-1, None]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PPoly
 
 from drake_hand import __version__
+from drake_hand.model.scene import Scene
 from drake_hand.motion import law as laws
 from drake_hand.motion.curve import Curve, RateLimits, linear
+from drake_hand.motion.flow import flowing
+from drake_hand.motion.inertia import OWN_N, Inertia
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.trajectory import hermite
@@ -20,6 +23,10 @@ PART_S = 1.0
 """Least duration of a part that moves, parabolic timing (the paper gives every part one second), s."""
 RAMP_S = 0.3
 """Duration of a leg in which only forces change, s."""
+FAST_RAMP_S = 0.06
+"""The same with ``timing: fast``, s: three times what a pad or a servo takes to settle."""
+SLOWER = 1.1
+"""Factor by which a leg is slowed down at a time until the contacts bear it."""
 
 _GRID = 201
 _JOINTS, _POSE = 5e-6, 5e-7
@@ -37,18 +44,24 @@ def time_path(path: Path) -> Plan:
 
     ``timing: parabolic`` is linear with parabolic blends: one second a part, shared by its legs as they need it,
     longer where limits ask for it. ``timing: optimal`` is Drake's Toppra, leg by leg; where that gives no answer the
-    leg is parabolic, as quick as it may be. Consecutive legs of one mode without events become one part.
+    leg is parabolic, as quick as it may be. ``timing: fast`` is the same for free fingers, on ways that do not stop at
+    corners; the object is carried on a smooth law, as fast as friction and the fingers' own inertia allow, and forces
+    move it besides holding it. Consecutive legs of one mode without events become one part.
 
     Raises:
         ValueError: legs do not join, or change mode without an event; says which.
     """
     limits = RateLimits.of(path)
-    optimal = path.task.options.timing == "optimal"
+    timing = path.task.options.timing
+    scene = Scene(path.hand) if timing == "fast" else None
     parts: list[Part] = []
     for legs in _by_part(path.legs):
-        timed = [_time(Curve(leg, limits), optimal) for leg in legs]
+        if scene:
+            timed = [_fast(Curve(leg, limits), path, scene) for leg in flowing(legs, path.hand)]
+        else:
+            timed = [_time(Curve(leg, limits), timing == "optimal") for leg in legs]
         moving = sum(x.law.x[-1] for x in timed if x.curve.moves)
-        if 0 < moving < PART_S and not optimal:
+        if 0 < moving < PART_S and timing == "parabolic":
             timed = [x.stretched(PART_S / moving) if x.curve.moves else x for x in timed]
         parts.append(_part(timed, parts[-1] if parts else None))
     hand, task = path.hand, path.task
@@ -92,10 +105,12 @@ class _Timed:
 
     curve: Curve
     law: PPoly
+    inertia: Inertia | None = None
+    """What presses the object on, where forces balance more than its weight."""
 
     def stretched(self, factor: float) -> _Timed:
         """The same, taking `factor` as long."""
-        return _Timed(curve=self.curve, law=laws.stretched(self.law, factor))
+        return replace(self, law=laws.stretched(self.law, factor))
 
     def excess(self) -> float:
         """The factor by which its duration is too short; below 1 it could be quicker."""
@@ -113,6 +128,10 @@ class _Timed:
         """Joints and pose, their rates, and what goes with the contacts, a row per time."""
         s, ds = np.clip(self.law(t), 0.0, 1.0), self.law(t, 1)
         x, dx, contacts = self.curve.coordinates(s)
+        if self.inertia:
+            forces, offset = self.inertia.forces(self.law, t)
+            contacts |= {f"f_W {name}": contacts[f"f_W {name}"] + f for name, f in forces.items()}
+            contacts["q_offset"] = contacts["q_offset"] + offset
         return x, dx * ds[:, None], contacts
 
     def knots(self) -> np.ndarray:
@@ -145,6 +164,21 @@ def _time(curve: Curve, optimal: bool) -> _Timed:
     law = laws.optimal(curve.limited, limits.speed, limits.acceleration) if optimal else None
     timed = _Timed(curve=curve, law=law or laws.parabolic())
     return timed.stretched(timed.excess())
+
+
+def _fast(curve: Curve, path: Path, scene: Scene) -> _Timed:
+    """A leg on a law as quick as limits, friction and the fingers' own inertia allow."""
+    if not curve.moves:
+        return _Timed(curve=curve, law=PPoly([[1 / FAST_RAMP_S], [0.0]], [0.0, FAST_RAMP_S]))
+    if not curve.leg.f_W or not np.ptp(curve.leg.X_WO, axis=0).any():
+        return _time(curve, True)
+    inertia = Inertia(curve, scene, path.task.physics.friction)
+    timed = _Timed(curve=curve, law=laws.smooth(), inertia=inertia)
+    timed = timed.stretched(timed.excess())
+    timed = timed.stretched(max(1.0, np.sqrt(inertia.own(timed.law) / OWN_N)))
+    while not inertia.bearable(timed.law):
+        timed = timed.stretched(SLOWER)
+    return timed
 
 
 def _part(legs: list[_Timed], before: Part | None) -> Part:

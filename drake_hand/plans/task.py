@@ -140,7 +140,7 @@ class Options(_Strict, frozen=True, kw_only=True):
     min_contacts: Annotated[int, Meta(ge=0)] = 2
     modes: list[str] | None = None
     """Mode codes the plan may use; all if not given."""
-    timing: Literal["parabolic", "optimal"] = "parabolic"
+    timing: Literal["parabolic", "optimal", "fast"] = "parabolic"
     seed: Annotated[int, Meta(ge=0)] = 0
     time_limit_s: Positive = 60.0
     corridor: Corridor | Literal["none"] = Corridor()

@@ -53,6 +53,24 @@ def test_a_grasp_handed_over_and_carried_a_little(carry, capsys, tmp_path):
     assert (force[-1] > 0.05).sum() >= 2
 
 
+@pytest.mark.slow
+def test_the_object_is_seen_and_the_motion_corrected(carry, capsys):
+    status, answer = played(carry, capsys, "--feedback", "simulated", "--to-part", "1")
+    assert (status, answer["ok"], answer["faults"]) == (0, True, [])
+    assert not answer["object"]["dropped"]
+    assert answer["object"]["position_error_mm"] < 1.0
+    did = answer["feedback"]
+    assert did["looks"] > 20
+    assert did["refused"] == 0
+    assert 0 < did["largest_deg"] < 5
+
+
+@pytest.mark.parametrize("options", [("--simulate",), ("--simulate", "--physics", "--empty"), ("--fingers", "index")])
+def test_feedback_needs_an_object_to_see_and_all_fingers(carry, capsys, options):
+    assert run(["execute", str(carry), "--drives", "kanguera", "--feedback", "simulated", *options]) == 2
+    assert "--feedback" in capsys.readouterr().err
+
+
 def test_physics_needs_simulated_drives(carry, capsys):
     assert run(["execute", str(carry), "--drives", "kanguera", "--physics"]) == 2
     assert "--simulate --physics" in capsys.readouterr().err

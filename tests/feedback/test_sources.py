@@ -5,12 +5,13 @@ import time
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
 from drake_hand.feedback.pose import PoseSeen
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
 from drake_hand.feedback.sight import unseen_turns
-from drake_hand.feedback.sources import CallableSource, RecordedSource, UdpSource
+from drake_hand.feedback.sources import CallableSource, RecordedSource, UdpSource, line, open_source, parse
 from drake_hand.model.object import Object
 
 
@@ -32,6 +33,36 @@ def test_a_simulated_sensor_keeps_rate_latency_noise_and_dropouts():
     np.testing.assert_allclose(X[:, :3, 3].std(axis=0), 0.5e-3, rtol=0.1)
     angle = np.arccos(np.clip((np.trace(X[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1))
     assert np.degrees(np.sqrt(np.mean(angle**2) / 3)) == pytest.approx(1.0, rel=0.1)
+
+
+def ahead(t):
+    """A tracker in this program."""
+    return PoseSeen(t=t, X_WO=np.eye(4))
+
+
+def test_sources_by_name(tmp_path):
+    recording = tmp_path / "looks.jsonl"
+    recording.write_text('{"t": 0.5, "xyz_mm": [1, 2, 3], "rpy_deg": [0, 0, 0]}\n')
+    assert isinstance(open_source(str(recording)), RecordedSource)
+    source = open_source("udp:0")
+    assert isinstance(source, UdpSource)
+    assert source.port > 0
+    source.close()
+    assert open_source(f"{__name__}:ahead").poll(2.0).t == 2.0
+
+
+@pytest.mark.parametrize("spec", ["no/such/file", "udp:x", "udp:70000", "no_such_module:f", "math:no_such"])
+def test_what_is_no_source_is_refused(spec):
+    with pytest.raises(InputError):
+        open_source(spec)
+
+
+def test_a_line_says_what_it_was_made_of():
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix(), [0.01, -0.02, 0.03]
+    read = parse(line(X, 0.012))
+    np.testing.assert_allclose(read.pose(), X, atol=1e-12)
+    assert read.age_ms == pytest.approx(12)
 
 
 def test_its_noise_is_of_its_seed():

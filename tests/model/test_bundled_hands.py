@@ -1,21 +1,22 @@
 """Every bundled hand: loads with nothing to put right, could be real, and can be read by Drake alone."""
 
+import msgspec
 import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_hand.files import bundled
+from drake_hand.files import bundled, load
 from drake_hand.model.check import check_hand
 from drake_hand.model.geometry import read_collision
-from drake_hand.model.hand import Hand
+from drake_hand.model.hand import Hand, HandSpec
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.scene import Scene
 from drake_hand.model.xml import Source, read_xml
 
 HANDS = bundled("hands", ".hand.yaml")
-OUT_OF_PALM = {"kanguera": 0, "quartet": 0, "trio": 2}
+OUT_OF_PALM = {"kanguera": 0, "kanguera_600": 0, "quartet": 0, "trio": 2}
 """Axis of W that points out of the palm."""
 
 
@@ -31,6 +32,14 @@ def no_mesh(uri: str):
 def test_there_are_hands_of_three_four_and_five_fingers_with_different_palm_frames():
     assert {len(Hand.load(name).fingers) for name in HANDS} == {3, 4, 5}
     assert set(OUT_OF_PALM) == set(HANDS)
+
+
+def test_the_quick_kanguera_differs_in_speed_and_acceleration_alone():
+    slow, quick = (msgspec.to_builtins(load(HANDS[name], HandSpec)) for name in ("kanguera", "kanguera_600"))
+    assert quick.pop("name") != slow.pop("name")
+    for key in ("speed_deg_s", "acceleration_deg_s2"):
+        assert quick["defaults"].pop(key) >= 5 * slow["defaults"].pop(key)
+    assert quick == slow
 
 
 def test_a_check_finds_nothing(hand):
