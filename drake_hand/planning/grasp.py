@@ -169,7 +169,11 @@ def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.nda
         return least, "balance"
     eased = (
         ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
-        ("the joints' efforts are too small", "effort", load._replace(effort=AMPLE_EFFORT * load.effort)),
+        (
+            f"the joints' efforts are too small for a weight of {np.linalg.norm(load.force_W):.3g} N",
+            "effort",
+            load._replace(effort=AMPLE_EFFORT * load.effort),
+        ),
     )
     for words, constraint, other in eased:
         if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():

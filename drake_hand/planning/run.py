@@ -330,6 +330,8 @@ class Run:
             if done is None:
                 return
             for x, end in done:
+                with self.stage("shorten"):
+                    end = shortened(x.search.moves, end)
                 yield x.task, self._built(x.builder, x.search.moves, end)
 
     def _gait(self, attempt: Attempt) -> State | None:
@@ -348,10 +350,7 @@ class Run:
             return gait.propose(table, fingers, moves, q, search.able)
 
     def _built(self, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
-        builder = builder.copy()
-        with self.stage("shorten"):
-            moves.evaluate([x for x in end.chain if not len(x.n_W)])
-            chain = shortened(moves, end).chain
+        builder, chain = builder.copy(), end.chain
         with self.stage("legs"):
             if not builder.touching:
                 closed = self._closed(builder, chain[0])

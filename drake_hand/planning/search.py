@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -225,6 +225,21 @@ class Search:
             )
         )
 
+    def _what_would_help(self, x: State, kept: list[int]) -> str:
+        """What would let any of the fingers be lifted that cannot be, in words."""
+        load, helps = self.moves.load, []
+        eased = {
+            "twice the friction": load._replace(friction=2 * load.friction),
+            "twice the joints' efforts": load._replace(effort=2 * load.effort),
+            "half the object's weight": load._replace(force_W=load.force_W / 2, preload=load.preload / 2),
+        }
+        for words, other in {} if load.kinematic else eased.items():
+            lighter = replace(x)
+            replace(self.moves, load=other).evaluate([lighter], x.room[None])
+            if (lighter.margins[kept] >= 0).any():
+                helps.append(words)
+        return f"; with {' or '.join(helps)} it could be" if helps else ""
+
     def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:
         """Why there is no plan: the state that got farthest, and what each of its fingers is short of."""
         hand, x = self.moves.clearance.hand, self.farthest
@@ -241,6 +256,7 @@ class Search:
             least = min(float(x.margins[f]) for f in kept)
             reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
             reason += f" (short of {-least:.2f} N)" if least > -10 else ""
+            reason += self._what_would_help(x, kept)
         blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
         return no_plan(
             reason,
