@@ -18,10 +18,6 @@ FOR_NOW = {
     "drake_hand.epos.sim.process.SpawnedDrives.open_bus",
     "drake_hand.epos.sim.timeline.read_timeline",
     "drake_hand.epos.sim.timeline.rows_as_arrays",
-    "drake_hand.feedback.pose.PoseSource",
-    "drake_hand.feedback.sources.CallableSource",
-    "drake_hand.feedback.sources.RecordedSource",
-    "drake_hand.feedback.sources.UdpSource",
     "drake_hand.modes.constraints.ModeProgram.constraints",
     "drake_hand.modes.polish.set_down",
 }

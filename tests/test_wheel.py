@@ -62,5 +62,5 @@ def test_links_of_its_page_lead_somewhere(bin_dir):
     assert "Description-Content-Type: text/markdown" in text
     page = text.partition("\n\n")[2]
     assert "docs/physics.md" in (CHECKOUT / "README.md").read_text()
-    assert "hardware.md is the full procedure" in page
+    assert "hardware.md has the full procedure" in page
     assert [link for link in re.findall(r"\]\(([^)]*)\)", page) if not link.startswith(("https:", "#"))] == []

@@ -99,6 +99,7 @@ def workers_of(pid):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes in /proc")
+@pytest.mark.clocked
 def test_ctrl_c_ends_workers_and_says_what_is_done(tmp_path):
     (tmp_path / "spins.sweep.yaml").write_text("tasks: [spin]\nseeds: 4\n")
     command = ("-c", "from drake_hand.cli import main; main()", "sweep", "spins.sweep.yaml")
