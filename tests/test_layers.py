@@ -89,8 +89,9 @@ def test_tests_import_nothing_from_benchmarks() -> None:
     benchmarks = {file.stem for file in (checkout / "benchmarks").glob("*.py")}
     assert benchmarks
     for file in sorted((checkout / "tests").rglob("*.py")):
+        beside = {f.stem for f in file.parent.glob("*.py")}
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            found = benchmarks & {name.split(".")[0] for name in names} - {f.stem for f in file.parent.glob("*.py")}
+            found = benchmarks & {name.split(".")[0] for name in names} - beside
             assert not found, f"{file.relative_to(checkout)}: imports {sorted(found)} from benchmarks"

@@ -46,6 +46,8 @@ SEARCHES = 6
 """Worked on in turn, of those from the most promising starts."""
 GAITS = 6
 """Start poses for which a periodic gait is looked for; the one with the fewest regrasps is taken."""
+WORTH = 2 / 3
+"""A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
 USABLE = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
@@ -243,7 +245,7 @@ class Run:
         attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
         gaits = [(x, end) for x, *_ in attempts[:GAITS] if (end := self._gait(x)) is not None]
         for x, end in sorted(gaits, key=lambda found: found[1].regrasps):
-            yield x.task, self._built(x.builder, x.search.moves, end)
+            yield x.task, self._built(x.builder, x.search.moves, self._shortened(x, end, WORTH))
         yield from self._in_turn(list(itertools.chain(*attempts))[:SEARCHES], failures)
 
     def _attempts(self, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> list[Attempt]:
@@ -330,9 +332,7 @@ class Run:
             if done is None:
                 return
             for x, end in done:
-                with self.stage("shorten"):
-                    end = shortened(x.search.moves, end)
-                yield x.task, self._built(x.builder, x.search.moves, end)
+                yield x.task, self._built(x.builder, x.search.moves, self._shortened(x, end, 1.0))
 
     def _gait(self, attempt: Attempt) -> State | None:
         """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
@@ -348,6 +348,12 @@ class Run:
                 return None
             fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]
             return gait.propose(table, fingers, moves, q, search.able)
+
+    def _shortened(self, attempt: Attempt, end: State, share: float) -> State:
+        """The end of the same way with fewer regrasps, if that leaves no more than a share of them."""
+        with self.stage("shorten"):
+            found = shortened(attempt.search.moves, end)
+        return found if found.regrasps <= share * end.regrasps else end
 
     def _built(self, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
         builder, chain = builder.copy(), end.chain

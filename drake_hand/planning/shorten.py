@@ -51,7 +51,7 @@ def _without(moves: Moves, chain: list[State], i: int) -> list[State] | None:
         if not apart:
             state: State | None = replace(x, parent=before, regrasps=x.regrasps - 1)
         elif isinstance(x.move, Stroke):
-            state = _carried_on(moves, before, x, x.move)
+            state = _carried_on(moves, before, x, x.move, left_out.finger)
         else:
             assert isinstance(x.move, Switch)
             state = _switched(moves, before, x, x.move.finger)
@@ -62,21 +62,23 @@ def _without(moves: Moves, chain: list[State], i: int) -> list[State] | None:
     return out
 
 
-def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke) -> State | None:
-    """The stroke to x from another posture, if all contacts roll along all of it and hold the object."""
+def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke, finger: int) -> State | None:
+    """The stroke to x with one finger elsewhere, if all contacts roll along all of it and hold the object."""
     K = len(stroke.X) - 1
-    q, length = rolled(moves, stroke.X[None], np.array([K]), [before])
+    found, length = rolled(moves, stroke.X[None], np.array([K]), [before])
     if length[0] < K:
         return None
+    q = stroke.q.copy()  # the others': rolled anew, periods that were repeated would not join to the last digit
+    q[:, finger] = found[0, : K + 1, finger]
     return State(
         s=x.s,
         off=x.off,
         X=x.X,
-        q=q[0, K],
+        q=q[K],
         touching=before.touching,
         regrasps=before.regrasps,
         parent=before,
-        move=Stroke(X=stroke.X, q=q[0, : K + 1]),
+        move=Stroke(X=stroke.X, q=q),
     )
 
 

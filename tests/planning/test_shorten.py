@@ -64,4 +64,17 @@ def test_what_the_finger_does_next_is_done_from_where_it_was_left():
                         assert x.parent is not None
                         assert x.parent.margins[f] >= 0
                         assert x.regrasps == x.parent.regrasps + 1
+
+
+def test_what_is_kept_joins_to_the_last_digit():
+    """States that were repeated are not quite what rolling anew would make of them."""
+    m, ways = regrasped(turn(5.0), lasts=True)
+    end, _ = ways[0]
+    f, stroke = end.parent.move.finger, end.move
+    others = [i for i in range(4) if i != f]
+    stroke.q[:, others] += 1e-6
+    end.q = stroke.q[-1]
+    found = shortened(m, end)
+    assert found.regrasps == 0
+    np.testing.assert_array_equal(found.q[others], end.q[others])
     assert len(left) > 3
