@@ -64,6 +64,7 @@ def test_what_the_finger_does_next_is_done_from_where_it_was_left():
                         assert x.parent is not None
                         assert x.parent.margins[f] >= 0
                         assert x.regrasps == x.parent.regrasps + 1
+    assert len(left) > 3
 
 
 def test_what_is_kept_joins_to_the_last_digit():
@@ -77,4 +78,3 @@ def test_what_is_kept_joins_to_the_last_digit():
     found = shortened(m, end)
     assert found.regrasps == 0
     np.testing.assert_array_equal(found.q[others], end.q[others])
-    assert len(left) > 3
