@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.physics.runs import cores, undisturbed
@@ -103,6 +104,12 @@ def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
         hand_out()
 
 
+async def _kill(nannies: list[Any]) -> None:
+    for nanny in nannies:
+        nanny.auto_restart = False
+    await asyncio.gather(*(nanny.kill(timeout=0.1) for nanny in nannies))
+
+
 @contextmanager
 def _client(scheduler: str | None) -> Iterator[Client]:
     try:
@@ -131,9 +138,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
                     yield client
                 except KeyboardInterrupt:  # nobody waits for what the workers still do
                     with undisturbed():
-                        for nanny in cluster.workers.values():
-                            nanny.auto_restart = False
-                            cluster.sync(nanny.kill, timeout=0.1)
+                        cluster.sync(_kill, list(cluster.workers.values()))
                     raise
             return
         try:

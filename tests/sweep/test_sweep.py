@@ -121,7 +121,7 @@ def test_ctrl_c_ends_workers_and_says_what_is_done(tmp_path):
     time.sleep(0.2)
     stats = [Path(f"/proc/{p}/stat") for p in workers]
     assert not [p for p in stats if p.exists() and p.read_text().rpartition(")")[2].split()[0] != "Z"]
-    assert took < 1.0 or os.getloadavg()[0] > 2 * (os.cpu_count() or 1), f"took {took:.1f} s"
+    assert took < 2.0, f"took {took:.2f} s"  # 0.8 s on a quiet machine; waiting for the workers takes 5
 
 
 @pytest.fixture
