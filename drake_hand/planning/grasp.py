@@ -98,7 +98,8 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State
     if not len(held):
         what, constraint = _short_of(moves, X, posture, touching, float(margins[:, -1].max()))
         raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}", constraint)
-    value = (margins[held, :-1] >= 0).sum(axis=1) + np.minimum(margins[held, -1], hold.COUNTS) + LASTING * lasts[held]
+    margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTS)
+    value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
     held = held[np.argsort(-value, kind="stable")]
     clear = held[moves.clear(X, posture[held], touching[held])][:LOOKED_AT]

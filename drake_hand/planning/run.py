@@ -243,7 +243,9 @@ class Run:
             if time.monotonic() > self.deadline:
                 break
         attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
-        gaits = [(x, end) for x, *_ in attempts[:GAITS] if (end := self._gait(x)) is not None]
+        straight = any(x.search.straight for x, *_ in attempts[:SEARCHES])
+        some = [] if straight else [x for x, *_ in attempts[:GAITS]]
+        gaits = [(x, end) for x in some if (end := self._gait(x)) is not None]
         for x, end in sorted(gaits, key=lambda found: found[1].regrasps):
             yield x.task, self._built(x.builder, x.search.moves, self._shortened(x, end, WORTH))
         yield from self._in_turn(list(itertools.chain(*attempts))[:SEARCHES], failures)

@@ -148,6 +148,11 @@ class Search:
         return not self._bins
 
     @property
+    def straight(self) -> bool:
+        """Whether the object gets all the way from a root without a switch."""
+        return any(x.s >= self.moves.path.ticks for x in onward(self.moves, list(self._roots)))
+
+    @property
     def fraction(self) -> float:
         """Share of the motion that was reached."""
         return 0.0 if self.farthest is None else self._share(self.farthest)
