@@ -235,3 +235,33 @@ def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():
     assert error.evidence.constraint in ("reach", "balance")
     np.testing.assert_array_equal(error.evidence.X_WO[:3], best.X)
     assert f"{100 * search.fraction:.0f} %" in error.reason
+
+
+def test_a_search_knows_whether_a_grasp_lasts_all_the_way():
+    def straight(step) -> bool:
+        m = moves(HAND, PENCIL, path(HAND, step))
+        search = Search(moves=m)
+        search.add(roots(m))
+        return search.straight
+
+    assert straight(turn(10.0))
+    assert not straight(turn(340.0))
+
+
+def test_a_failure_says_whether_more_friction_would_let_a_finger_be_lifted():
+    m = moves(HAND, PENCIL, path(HAND, turn(100.0)), equilibrium(HAND, PENCIL, friction=0.1))
+    twice, told = equilibrium(HAND, PENCIL, friction=0.2), set()
+    for root in roots(m):
+        kept = [f for f in np.flatnonzero(root.touching) if root.margins[f] < 0]
+        if not kept:
+            continue
+        search = Search(moves=m)
+        search.add([root])
+        reason = search.failure("timeout").reason
+        less = np.repeat(root.touching[None], len(kept), axis=0)
+        less[range(len(kept)), kept] = False
+        X, q = (np.repeat(a[None], len(kept), axis=0) for a in (root.X, root.q))
+        could = bool((twice.margins(as_sets(m.clearance, X, q, less)) >= 0).any())
+        assert ("twice the friction" in reason) == could
+        told.add(could)
+    assert told
