@@ -130,7 +130,7 @@ def _equilibrium(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 def _strokes(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     from drake_hand.planning import grasp
     from drake_hand.planning.object_path import build, pose
-    from drake_hand.planning.run import Run
+    from drake_hand.planning.problem import Problem
     from drake_hand.planning.state import Stroke, by_finger
     from drake_hand.planning.strokes import draw_strokes
 
@@ -138,9 +138,9 @@ def _strokes(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     task = Task(
         hand="kanguera", object="cube", start=start, motion=[Step(grasp=Grasp()), turn], options=Options(seed=seed)
     )
-    run = Run.of(task, lambda _: None)
-    moves = run.moves(task, build(pose(start), [turn]), frozenset(range(len(run.hand.fingers))))
-    states = grasp.roots(moves, by_finger(run.hand, run.hand.q_home), every=False, most=False)
+    problem = Problem.of(task, lambda _: None)
+    moves = problem.moves(task, build(pose(start), [turn]), frozenset(range(len(problem.hand.fingers))))
+    states = grasp.roots(moves, by_finger(problem.hand, problem.hand.q_home), every=False, most=False)
 
     def once() -> float:
         began = perf_counter()

@@ -9,6 +9,7 @@ import msgspec
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.modes.code import Mode
+from drake_hand.planning.problem import Problem
 from drake_hand.planning.run import Run
 from drake_hand.planning.search import Progress
 from drake_hand.plans.path import Path
@@ -34,7 +35,7 @@ def find_paths(task: Task, *, progress: Callable[[Progress], None] | None = None
     task = msgspec.convert(msgspec.to_builtins(task), Task)
     task.validate()
     _check_names(task, Hand.load(task.hand))
-    yield from Run.of(task, progress or (lambda p: None)).paths()
+    yield from Run(problem=Problem.of(task, progress or (lambda p: None))).paths()
 
 
 def _check_names(task: Task, hand: Hand) -> None:

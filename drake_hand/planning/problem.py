@@ -1,0 +1,129 @@
+"""`Problem`: a task with its models loaded, the clock of its planning, and what searches are made of."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.model.scene import Scene
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.failure import code
+from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.kernels.world import World
+from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.moves import Corridor, Moves
+from drake_hand.planning.object_path import ObjectPath, build, pose, still
+from drake_hand.planning.search import Progress
+from drake_hand.planning.world import Grid, load, world
+from drake_hand.plans.task import Pose, Step, Task
+from drake_hand.plans.tolerances import STANDARD_GRAVITY
+
+LEAST_PRELOAD, PRELOAD_SHARE = 0.1, 0.6
+"""Normal force every contact must be able to bear beside balancing the object: N at least, and share of its weight.
+What holds a 40 g cube with 0.1 N in hand was dropped in physics, with 0.35 N it was not."""
+INSIDE = 0.98
+"""Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
+FINENESS = 2
+"""How many times finer paths of polyhedra are sampled."""
+
+
+@dataclass(kw_only=True)
+class Problem:
+    """Knows its models and how much time is left; tasks that differ in start and gravity share it."""
+
+    task: Task
+    hand: Hand
+    object: Object
+    scene: Scene
+    clearance: Clearance
+    world: World
+    grid: Grid
+    progress: Callable[[Progress], None]
+    started: float
+    stages: dict[str, float] = field(default_factory=dict)
+    expansions: int = 0
+
+    @classmethod
+    def of(cls, task: Task, progress: Callable[[Progress], None]) -> Problem:
+        """Loads the models; the clock starts."""
+        started = time.monotonic()
+        hand, object_ = Hand.load(task.hand), Object.load(task.object)
+        scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
+        clearance = Clearance(scene)
+        problem = cls(
+            task=task,
+            hand=hand,
+            object=object_,
+            scene=scene,
+            clearance=clearance,
+            world=world(clearance, pivot=task.options.model == "pivot"),
+            grid=Grid.of(clearance),
+            progress=progress,
+            started=started,
+        )
+        problem.stages["model"] = time.monotonic() - started
+        return problem
+
+    @contextmanager
+    def stage(self, name: str):
+        """Books the time of a stage."""
+        self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
+        t = time.monotonic()
+        try:
+            yield
+        finally:
+            self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
+
+    @property
+    def deadline(self) -> float:
+        """When time is up (monotonic clock)."""
+        return self.started + self.task.options.time_limit_s
+
+    def builder(self, task: Task) -> LegBuilder:
+        """Of legs that begin with the hand at home and the object where the task starts."""
+        assert isinstance(task.start, Pose), "auto is replaced before"
+        return LegBuilder(self.hand, self.hand.q_home, pose(task.start))
+
+    def path(self, X_WO: np.ndarray, moving: list[Step]) -> ObjectPath:
+        """The nominal way of moving steps; finer for polyhedra, on which contacts move in jerks."""
+        if not moving:
+            return still(X_WO)
+        polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
+        return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
+
+    def moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
+        """What moves of these fingers along a nominal way are drawn from."""
+        corridor = task.options.corridor
+        return Moves(
+            clearance=self.clearance,
+            world=self.world,
+            load=load(self.holding(task), task.options.min_contacts),
+            grid=self.grid,
+            path=path,
+            corridor=Corridor(rad=0.0, m=0.0)
+            if corridor == "none"
+            else Corridor(rad=INSIDE * np.radians(corridor.deg), m=INSIDE * corridor.mm * 1e-3),
+            fingers=fingers,
+            allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
+            rng=np.random.default_rng(task.options.seed),
+        )
+
+    def holding(self, task: Task) -> Holding:
+        """What it takes to hold the object."""
+        if task.options.hold == "kinematic":
+            return Kinematic(task.options.min_contacts)
+        physics = task.physics
+        mass = physics.object_mass_kg or self.object.mass
+        return Equilibrium(
+            self.hand,
+            gravity=np.asarray(physics.gravity),
+            mass=mass,
+            friction=physics.friction,
+            preload=max(LEAST_PRELOAD, PRELOAD_SHARE * STANDARD_GRAVITY * mass),
+        )

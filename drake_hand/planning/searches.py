@@ -1,0 +1,197 @@
+"""Searches from one or several starts: grasps that are moved on, and gaits, which come first where there are any."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning import approach, gait, grasp, steps
+from drake_hand.planning.failure import no_plan
+from drake_hand.planning.legs import LegBuilder, follow
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.object_path import ObjectPath, still
+from drake_hand.planning.park import park
+from drake_hand.planning.period import Period
+from drake_hand.planning.problem import Problem
+from drake_hand.planning.reach import ReachTable
+from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.shorten import shortened
+from drake_hand.planning.state import State, by_finger
+from drake_hand.planning.turns import Attempt, in_turn
+from drake_hand.plans.task import Grasp, Step, Task
+
+SEARCHES = 6
+"""Worked on in turn, of those from the most promising starts."""
+GAITS = 6
+"""Start poses for which a periodic gait is looked for; the one with the fewest regrasps is taken."""
+WORTH = 2 / 3
+"""A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
+USABLE = 8
+"""Ticks for which a finger must be able to hold a contact to take part in a gait."""
+
+
+def from_grasps(
+    problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step], begun: LegBuilder | None = None
+) -> Iterator[tuple[Task, LegBuilder]]:
+    """Grasps of the object and moves it, from one of several starts; ever other ways.
+
+    Raises:
+        NoPlanFound: there is none, or no further one.
+    """
+    failures: list[NoPlanFound] = []
+    attempts: list[list[Attempt]] = []
+    for k, task in enumerate(tasks):
+        builder = begun.copy() if begun else problem.builder(task)
+        try:
+            with problem.stage("grasp"):
+                attempts.append(_attempts(problem, task, builder, wanted, moving))
+        except NoPlanFound as e:
+            failures.append(e)
+        problem.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
+        if time.monotonic() > problem.deadline:
+            break
+    attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
+    straight = any(x.search.straight for x, *_ in attempts[:SEARCHES])
+    some = [] if straight else [x for x, *_ in attempts[:GAITS]]
+    gaits = [(x, end) for x in some if (end := _gait(problem, x)) is not None]
+    for x, end in sorted(gaits, key=lambda found: found[1].regrasps):
+        yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, WORTH))
+    yield from _in_turn(problem, list(itertools.chain(*attempts))[:SEARCHES], failures)
+
+
+def _attempts(problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> list[Attempt]:
+    """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
+
+    One is free along the whole way. Where the way has a period, another looks for one to repeat: it pauses on the
+    nominal way after each, which is a burden where none is found.
+    """
+    path = problem.path(builder.X_WO, moving)
+    grasp.check_palm(problem.scene, problem.clearance, path)
+    named = [problem.hand.finger(name).index for name in wanted.fingers or ()]
+    steps.settle(
+        builder, problem.clearance, park(problem.clearance, still(builder.X_WO), range(len(problem.hand.fingers)))
+    )
+    moves = problem.moves(task, path, frozenset(named or range(len(problem.hand.fingers))))
+    q = by_finger(problem.hand, builder.q)
+    roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
+    period = Period.of(path, problem.clearance.surface, problem.clearance.p_OCom)
+    out = [_search(problem, builder, moves, roots, None)]
+    if period is not None:
+        pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
+        rng = np.random.default_rng(task.options.seed)
+        out.append(_search(problem, builder, replace(moves, path=pausing, rng=rng), roots, period))
+    return [Attempt(task=task, builder=builder, search=search) for search in out]
+
+
+def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[State], period: Period | None) -> Search:
+    search = Search(
+        moves=moves, period=period, able=lambda root: _closed(problem, builder.copy(), root), progress=problem.progress
+    )
+    search.add([replace(root) for root in roots])
+    return search
+
+
+def _closed(problem: Problem, builder: LegBuilder, root: State) -> bool:
+    """Closes the fingers on a grasp, if that can be done without a collision."""
+    contacts = {}
+    for i in np.flatnonzero(root.touching).tolist():
+        q = root.q[i, : len(problem.hand.fingers[i].columns)]
+        contacts[i] = approach.Contact(q=q, n_W=root.n_W[i], p_OP=root.p_OP[i])
+    return approach.close(builder, problem.clearance, contacts)
+
+
+def from_contacts(
+    problem: Problem, task: Task, builder: LegBuilder, path: ObjectPath, wanted: Grasp | None
+) -> Iterator[LegBuilder]:
+    """Moves the object with the fingers that hold it, or hands it over to others; ever other ways.
+
+    Raises:
+        NoPlanFound: there is none, or no further one.
+    """
+    named = None
+    if wanted is not None:
+        named = frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
+    usable = _usable(problem, task) | frozenset(builder.touching)
+    grasp.check_palm(problem.scene, problem.clearance, path)
+    moves = problem.moves(task, path, usable | (named or frozenset()))
+    touching = np.zeros(len(problem.hand.fingers), dtype=bool)
+    touching[list(builder.touching)] = True
+    root = State(
+        s=0.0,
+        off=np.zeros(6),
+        X=np.ascontiguousarray(builder.X_WO[:3]),
+        q=by_finger(problem.hand, builder.q),
+        touching=touching,
+    )
+    moves.evaluate([root])
+    if root.margins[-1] < 0:
+        what = f"the fingers that touch do not hold the object (short of {-root.margins[-1]:.2g} N)"
+        raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
+    search = Search(moves=moves, wanted=named, progress=problem.progress)
+    search.add([root])
+    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], []):
+        yield after
+
+
+def _usable(problem: Problem, task: Task) -> frozenset[int]:
+    """The fingers that any grasp of the task may use."""
+    grasps = [step.grasp for step in task.motion if step.grasp]
+    if not grasps or any(g.fingers is None for g in grasps):
+        return frozenset(range(len(problem.hand.fingers)))
+    return frozenset(problem.hand.finger(name).index for g in grasps for name in g.fingers or ())
+
+
+def _in_turn(
+    problem: Problem, attempts: list[Attempt], failures: list[NoPlanFound]
+) -> Iterator[tuple[Task, LegBuilder]]:
+    """Ways that some searches find."""
+    rounds = in_turn(attempts, failures, lambda: time.monotonic() > problem.deadline, problem.deadline)
+    while True:
+        before = sum(x.search.expansions for x in attempts)
+        with problem.stage("search"):
+            done = next(rounds, None)
+        problem.expansions += sum(x.search.expansions for x in attempts) - before
+        if done is None:
+            return
+        for x, end in done:
+            yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, 1.0))
+
+
+def _gait(problem: Problem, attempt: Attempt) -> State | None:
+    """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
+    task, builder, search = attempt.task, attempt.builder, attempt.search
+    moves = search.moves
+    path = moves.path
+    if path.axis_W is None or path.ticks <= max(gait.STROKES):
+        return None
+    with problem.stage("gait"):
+        q = by_finger(problem.hand, builder.q)
+        table = ReachTable(problem.clearance, path, task.options.model)
+        if not table.symmetric:
+            return None
+        fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]
+        return gait.propose(table, fingers, moves, q, search.able)
+
+
+def _shortened(problem: Problem, attempt: Attempt, end: State, share: float) -> State:
+    """The end of the same way with fewer regrasps, if that leaves no more than a share of them."""
+    with problem.stage("shorten"):
+        found = shortened(attempt.search.moves, end)
+    return found if found.regrasps <= share * end.regrasps else end
+
+
+def _built(problem: Problem, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
+    builder, chain = builder.copy(), end.chain
+    with problem.stage("legs"):
+        if not builder.touching:
+            closed = _closed(problem, builder, chain[0])
+            assert closed, "roots are asked before they are expanded"
+            builder.dwell()
+        moves.evaluate([x for x in chain if not len(x.n_W)])
+        follow(builder, moves, chain)
+    return builder
