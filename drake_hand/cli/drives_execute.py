@@ -12,7 +12,7 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from drake_hand.cli.drives_feedback import SIMULATED, Seen, refuse_nonsense
+from drake_hand.cli.drives_feedback import SIMULATED, PoseFeedback, refuse_feedback
 from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_person import Terminal, say
 from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
@@ -115,7 +115,7 @@ def execute(
     if physics and not simulate:
         raise InputError("physics moves simulated drives", key="--physics", expected="--simulate --physics")
     if feedback:
-        refuse_nonsense(feedback, physics=physics, fingers=bool(fingers), empty=empty)
+        refuse_feedback(feedback, physics=physics, fingers=bool(fingers), empty=empty)
     if twin and not hand.feel:
         raise InputError("a twin compares torques", key="--twin", expected=f"torque_constant_nm_a in {hand.file}")
     if log and not log.name.endswith(SUFFIX):
@@ -127,7 +127,7 @@ def execute(
     if dry_run:
         return _dry_run(found, played, excerpt, frames, json)
     with ExitStack() as stack:
-        seen = Seen.of(found, feedback, speed) if feedback else None
+        seen = PoseFeedback.of(found, feedback, speed) if feedback else None
         if seen:
             stack.callback(seen.close)
         sensor = seen.port if seen and feedback == SIMULATED else None
@@ -295,7 +295,7 @@ def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
     return int(bool(remaining))
 
 
-def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None, seen: Seen | None = None) -> int:
+def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None, seen: PoseFeedback | None = None) -> int:
     answer = run.answer() | ({"feedback": seen.answer()} if seen else {})
     ok = run.ok and not (outcome and outcome.dropped)
     if json:
@@ -316,7 +316,7 @@ def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None, se
         did = seen.correction.report
         print(
             f"feedback: {did.looks} looks, none for {did.lost_s:.1f} s; joints corrected by up to"
-            f" {did.largest_deg:.2f} deg; held back by what the plan allows for {did.saturated_s:.1f} s"
+            f" {did.largest_deg:.2f} deg; saturated for {did.saturated_s:.1f} s"
         )
     if outcome:
         print(

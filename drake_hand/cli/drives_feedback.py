@@ -1,4 +1,4 @@
-"""`Seen`: a source of object poses, and the correction it feeds while a plan is played on drives."""
+"""`PoseFeedback`: a source of object poses, and the correction it feeds while a plan is played on drives."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIMULATED = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class PoseFeedback:
     """What corrects a run."""
 
     plan: Plan
@@ -29,7 +29,7 @@ class Seen:
     speed: float
 
     @classmethod
-    def of(cls, plan: Plan, spec: str, speed: float) -> Seen:
+    def of(cls, plan: Plan, spec: str, speed: float) -> PoseFeedback:
         """For a plan.
 
         Args:
@@ -67,7 +67,7 @@ class Seen:
             self.source.close()
 
 
-def refuse_nonsense(spec: str, *, physics: bool, fingers: bool, empty: bool) -> None:
+def refuse_feedback(spec: str, *, physics: bool, fingers: bool, empty: bool) -> None:
     """Refuses feedback where there is nothing to be seen or too little to correct with.
 
     Raises:
