@@ -32,6 +32,8 @@ AHEAD = 40
 """How far their contacts are followed along the nominal way, coarse steps."""
 LASTING = 3.0
 """What it counts for that none of their fingers has to let go along the way."""
+HAND_OVERS, HANDED_OVER = 40, 20.0
+"""Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
 GRASPS = 60
 """Of those, how many a search starts from."""
 
@@ -62,7 +64,9 @@ def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
                 raise no_plan(what, mode=code(hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
-def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State]:
+def roots(
+    moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[frozenset[int], ...] = ()
+) -> list[State]:
     """Grasps of the object where its way begins, the most promising first.
 
     Args:
@@ -70,6 +74,7 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State
         q: (n, m) where the fingers are that do not, rad.
         every: whether all of these fingers have to.
         most: whether more fingers come before all else.
+        then: sets of fingers that the object is handed over to; fingers that stay should not have to let go.
 
     Raises:
         NoPlanFound: there is none; counts what failed.
@@ -108,10 +113,37 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool) -> list[State
         raise fail(what, "collision")
     out = [State(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
     moves.evaluate(out)
+    for others in then:
+        for x, share in zip(out, _handed_over(moves, X, posture[clear], touching[clear], others), strict=True):
+            x.score += HANDED_OVER * share
     rank = [
         (-int(x.touching.sum()) if most else 0, -x.score - LASTING * lasts[i]) for i, x in zip(clear, out, strict=True)
     ]
     return [out[k] for k in sorted(range(len(out)), key=lambda k: rank[k])][:GRASPS]
+
+
+def _handed_over(
+    moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, others: frozenset[int]
+) -> np.ndarray:
+    """(N,) share of the random contacts of other fingers that hold the object with the fingers that stay.
+
+    Args:
+        moves: whose fingers may touch.
+        X: (3, 4) object pose.
+        posture: (N, n, m) of grasps.
+        touching: (N, n) their fingers.
+        others: the fingers that hold it afterwards.
+    """
+    rows = np.repeat(np.arange(len(posture)), HAND_OVERS)
+    posture, staying = posture[rows], touching[rows]
+    after = np.zeros_like(staying)
+    after[:, sorted(others)] = True
+    for f in sorted(others):
+        reached, new = moves.contacts(f, X)[0], np.flatnonzero(~staying[:, f])
+        if not len(reached):
+            return np.zeros(len(rows) // HAND_OVERS)
+        posture[new, f] = reached[moves.rng.integers(len(reached), size=len(new))]
+    return (_margins(moves, moves.load, X, posture, after)[:, -1] >= 0).reshape(-1, HAND_OVERS).mean(axis=1)
 
 
 def _drawn(

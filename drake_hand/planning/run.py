@@ -18,7 +18,7 @@ from drake_hand.planning.object_path import MOVING, still
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.searches import from_contacts, from_grasps
 from drake_hand.plans.path import Path
-from drake_hand.plans.task import Pose, Step, Task, Translate
+from drake_hand.plans.task import Grasp, Pose, Step, Task, Translate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,8 @@ class Run:
             tasks = start.variants(self.problem.task, self.problem.clearance, self.problem.world, rng)
         if first.grasp and not any(isinstance(t.start, Pose) and t.start.joints_deg for t in tasks):
             moving = moving_steps(rest)
-            for task, builder in from_grasps(self.problem, tasks, first.grasp, moving):
+            then = [] if moving else hand_overs(rest)
+            for task, builder in from_grasps(self.problem, tasks, first.grasp, moving, then):
                 yield task, builder, rest[len(moving) :]
             return
         for task in tasks:
@@ -85,7 +86,8 @@ class Run:
         ways: Iterator[LegBuilder]
         if step.grasp and not builder.touching:
             rest = rest[len(moving) :]
-            ways = (b for _, b in from_grasps(self.problem, [task], step.grasp, moving, builder))
+            then = [] if moving else hand_overs(rest)
+            ways = (b for _, b in from_grasps(self.problem, [task], step.grasp, moving, then, builder))
         elif step.grasp:
             ways = from_contacts(self.problem, task, builder, still(builder.X_WO), step.grasp)
         elif moving:
@@ -129,6 +131,11 @@ class Run:
                 gravity = np.asarray(task.physics.gravity)
                 builder.legs = add_forces(builder.legs, self.problem.scene, gravity, holding)
         return builder
+
+
+def hand_overs(steps: list[Step]) -> list[Grasp]:
+    """The leading steps that hand the object over to other fingers."""
+    return [s.grasp for s in itertools.takewhile(lambda s: s.grasp is not None, steps) if s.grasp]
 
 
 def moving_steps(steps: list[Step]) -> list[Step]:

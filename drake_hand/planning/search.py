@@ -39,6 +39,8 @@ SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
 RETREAT = 0.2
 """Chance that a finger is asked to wait elsewhere."""
+BY_THEMSELVES = 2.0
+"""What each newton counts that the wanted fingers have to spare, or are short of, without the others."""
 UNWANTED = 6.0
 """Ticks that a finger costs which has still to make or break contact at the end."""
 
@@ -83,6 +85,7 @@ class Search:
 
     def add(self, states: list[State]) -> None:
         """Takes states in, roots or what follows from others."""
+        self._look_beyond(states)
         for x in states:
             if x.parent is None:
                 self._roots[x] = None
@@ -96,6 +99,17 @@ class Search:
             if len(states_there) > CROWD:
                 states_there.sort(key=lambda x: -self._rank(x))
                 del states_there[SPARED:]
+
+    def _look_beyond(self, states: list[State]) -> None:
+        """Scores how well the wanted fingers would hold the object by themselves, once all of them touch."""
+        if self.wanted is None:
+            return
+        wanted = np.isin(np.arange(len(self.moves.clearance.hand.fingers)), sorted(self.wanted))
+        some = [x for x in states if x.touching[wanted].all()]
+        alone = [replace(x, touching=wanted) for x in some]
+        self.moves.evaluate(alone, np.ones((len(alone), len(wanted))))
+        for x, y in zip(some, alone, strict=True):
+            x.score += BY_THEMSELVES * max(float(y.margins[-1]), -1.0)
 
     def run(self, budget: int, deadline: float) -> State | None:
         """Expands so many states, or until time is up (monotonic clock) or nothing is left.

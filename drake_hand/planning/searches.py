@@ -31,12 +31,19 @@ GAITS = 6
 """Start poses for which a periodic gait is looked for; the one with the fewest regrasps is taken."""
 WORTH = 2 / 3
 """A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
+HAND_OVER = 200
+"""Expansions after which the object is handed over from another grasp instead."""
 USABLE = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
 
 def from_grasps(
-    problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step], begun: LegBuilder | None = None
+    problem: Problem,
+    tasks: list[Task],
+    wanted: Grasp,
+    moving: list[Step],
+    then: list[Grasp],
+    begun: LegBuilder | None = None,
 ) -> Iterator[tuple[Task, LegBuilder]]:
     """Grasps of the object and moves it, from one of several starts; ever other ways.
 
@@ -49,7 +56,7 @@ def from_grasps(
         builder = begun.copy() if begun else problem.builder(task)
         try:
             with problem.stage("grasp"):
-                attempts.append(_attempts(problem, task, builder, wanted, moving))
+                attempts.append(_attempts(problem, task, builder, wanted, moving, then))
         except NoPlanFound as e:
             failures.append(e)
         problem.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
@@ -64,7 +71,9 @@ def from_grasps(
     yield from _in_turn(problem, list(itertools.chain(*attempts))[:SEARCHES], failures)
 
 
-def _attempts(problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step]) -> list[Attempt]:
+def _attempts(
+    problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step], then: list[Grasp]
+) -> list[Attempt]:
     """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
 
     One is free along the whole way. Where the way has a period, another looks for one to repeat: it pauses on the
@@ -72,13 +81,14 @@ def _attempts(problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, 
     """
     path = problem.path(builder.X_WO, moving)
     grasp.check_palm(problem.scene, problem.clearance, path)
-    named = [problem.hand.finger(name).index for name in wanted.fingers or ()]
+    named = _named(problem, wanted) or frozenset()
     steps.settle(
         builder, problem.clearance, park(problem.clearance, still(builder.X_WO), range(len(problem.hand.fingers)))
     )
-    moves = problem.moves(task, path, frozenset(named or range(len(problem.hand.fingers))))
+    moves = problem.moves(task, path, named or frozenset(range(len(problem.hand.fingers))))
     q = by_finger(problem.hand, builder.q)
-    roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power")
+    sets = tuple(some for g in then if (some := _named(problem, g)))
+    roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power", then=sets)
     period = Period.of(path, problem.clearance.surface, problem.clearance.p_OCom)
     out = [_search(problem, builder, moves, roots, None)]
     if period is not None:
@@ -113,9 +123,7 @@ def from_contacts(
     Raises:
         NoPlanFound: there is none, or no further one.
     """
-    named = None
-    if wanted is not None:
-        named = frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
+    named = None if wanted is None else _named(problem, wanted)
     usable = _usable(problem, task) | frozenset(builder.touching)
     grasp.check_palm(problem.scene, problem.clearance, path)
     moves = problem.moves(task, path, usable | (named or frozenset()))
@@ -134,8 +142,14 @@ def from_contacts(
         raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
     search = Search(moves=moves, wanted=named, progress=problem.progress)
     search.add([root])
-    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], []):
+    patience = None if named is None else HAND_OVER
+    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], patience):
         yield after
+
+
+def _named(problem: Problem, wanted: Grasp) -> frozenset[int] | None:
+    """The fingers that a grasp asks for by name."""
+    return frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
 
 
 def _usable(problem: Problem, task: Task) -> frozenset[int]:
@@ -147,10 +161,15 @@ def _usable(problem: Problem, task: Task) -> frozenset[int]:
 
 
 def _in_turn(
-    problem: Problem, attempts: list[Attempt], failures: list[NoPlanFound]
+    problem: Problem, attempts: list[Attempt], failures: list[NoPlanFound], most: int | None = None
 ) -> Iterator[tuple[Task, LegBuilder]]:
-    """Ways that some searches find."""
-    rounds = in_turn(attempts, failures, lambda: time.monotonic() > problem.deadline, problem.deadline)
+    """Ways that some searches find, in so many expansions at most if that is given."""
+
+    def given_up() -> bool:
+        spent = most is not None and sum(x.search.expansions for x in attempts) >= most
+        return spent or time.monotonic() > problem.deadline
+
+    rounds = in_turn(attempts, failures, given_up, problem.deadline)
     while True:
         before = sum(x.search.expansions for x in attempts)
         with problem.stage("search"):

@@ -205,6 +205,29 @@ def test_the_object_is_handed_over_to_the_fingers_wanted():
     assert all(x.margins[-1] >= 0 for x in end.chain)
 
 
+def test_grasps_that_can_be_handed_over_come_first():
+    def shares(then: tuple[frozenset[int], ...]) -> np.ndarray:
+        """Of five grasps: how often random contacts of the other finger hold the object with those that stay."""
+        m = moves(HAND, PENCIL, still(pose(START[HAND])), fingers=frozenset({0, 1, 3}))
+        X, first = (
+            np.ascontiguousarray(m.path.X_WO[0, :3]),
+            grasp.roots(m, waiting(HAND), every=True, most=False, then=then),
+        )
+        q, rng = m.contacts(2, X)[0], np.random.default_rng(1)
+        out = []
+        for x in first[:5]:
+            tried = []
+            for pick in rng.integers(len(q), size=100):
+                posture = x.q.copy()
+                posture[2] = q[pick]
+                tried.append(State(s=0.0, off=x.off, X=X, q=posture, touching=np.array([True, False, True, True])))
+            m.evaluate(tried)
+            out.append(np.mean([t.margins[-1] >= 0 for t in tried]))
+        return np.array(out)
+
+    assert shares((frozenset({0, 2, 3}),)).mean() > 1.5 * shares(()).mean()
+
+
 def test_states_much_alike_share_a_niche():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
     search = Search(moves=m)

@@ -2,13 +2,14 @@
 
 import itertools
 
+import msgspec
 import numpy as np
 import pytest
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.planner import find_paths
-from drake_hand.plans.task import Pose, Slide, Step
+from drake_hand.plans.task import Grasp, Pose, Slide, Step
 from tests.planning.small import move, task, turn
 
 WITHIN_S = 3600.0
@@ -36,6 +37,17 @@ def test_an_object_is_moved_in_equilibrium_and_certified(hand, object_, step):
     assert plan.modes[0] == "0" * fingers
     assert set(plan.modes[1:]) <= {"".join(m) for m in itertools.product("01", repeat=fingers)}
     assert all(mode.count("1") >= 3 for mode in plan.modes[1:]), "two fingertips do not hold it"
+
+
+def test_two_grasps_in_a_row_are_a_hand_over():
+    first, then = (
+        Step(grasp=Grasp(fingers=[*both, "right_2"])) for both in (["left_1", "left_2"], ["left_1", "right_1"])
+    )
+    asked = msgspec.structs.replace(task("quartet", "pencil_r8", time_limit_s=WITHIN_S), motion=[first, then])
+    plan = api.plan(asked)
+    assert plan.certified
+    assert (plan.modes[0], plan.modes[1], plan.modes[-1]) == ("0000", "1101", "1011")
+    assert all(mode.count("1") >= 3 for mode in plan.modes[1:])
 
 
 def test_forces_of_a_plan_begin_at_nothing():
