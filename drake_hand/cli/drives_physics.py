@@ -23,7 +23,7 @@ from drake_hand.epos.bus import IN_STEP
 from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
-from drake_hand.epos.sim.in_step import serve_in_step
+from drake_hand.epos.sim.in_step import STEP_S, serve_in_step
 from drake_hand.epos.sim.process import SpawnedDrives, begin, child, free_channel, inject, listen, ready
 from drake_hand.errors import DrakeHandError, DriveError, InputError
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
@@ -211,6 +211,7 @@ class _World:
             gravity=np.array(plan.task.physics.gravity),
             friction=plan.task.physics.friction,
             perturbation=change,
+            step=STEP_S,
         )
         self._begin = self.physics.time
         self._columns = np.array([list(hand.joints).index(j) for j in drives.joints])
