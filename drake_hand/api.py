@@ -64,7 +64,7 @@ def solve(
     from drake_hand.planning.planner import find_paths
 
     start, proving, timing = perf_counter(), 0.0, 0.0
-    refused: NoPlanFound | None = None
+    refused: Unproven | None = None
     try:
         for path in find_paths(task, progress=progress):
             found = perf_counter()
@@ -79,12 +79,43 @@ def solve(
                     plan_s=perf_counter() - start - proving,
                     stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
                 )
-            reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
-            evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
-            refused = NoPlanFound(reason, evidence=evidence)
+            refused = refused or Unproven(plan, certificate)
     except NoPlanFound as e:
         raise refused or e from None
     raise AssertionError("a search that finds nothing more says why")
+
+
+class Unproven(NoPlanFound):
+    """Plans were found, but none passes its certificate.
+
+    Args:
+        plan: the first of them, with its certificate.
+        certificate: which says why.
+    """
+
+    def __init__(self, plan: Plan, certificate: Certificate) -> None:
+        reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
+        evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
+        super().__init__(reason, evidence=evidence)
+        self.plan = msgspec.structs.replace(plan, certificate=certificate)
+
+
+def unfinished(error: NoPlanFound) -> Plan | None:
+    """What planning found although it failed: the plan that was refused, or one as far as the search got.
+
+    Returns:
+        A plan, not certified; None where no search got anywhere.
+    """
+    from drake_hand.planning.failure import Stopped
+
+    if isinstance(error, Unproven):
+        return error.plan
+    if not isinstance(error, Stopped):
+        return None
+    from drake_hand.motion.timing import time_path
+
+    plan = time_path(error.path)
+    return msgspec.structs.replace(plan, certificate=check(plan))
 
 
 def plan(

@@ -35,6 +35,7 @@ def plan(
     """Find a certified plan for a task.
 
     Exit status: 0 certified, 1 no plan (names the mode, finger, constraint and pose that blocked), 2 invalid input.
+    Where there is no plan, what was found of it is written to TASK.partial.plan.json, not certified: to look at.
 
     ```console
     $ drake-hand plan spin -o spin.plan.json --html spin.html
@@ -62,8 +63,11 @@ def plan(
         try:
             result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
         except NoPlanFound as e:
+            unfinished = api.unfinished(e)
             if html:  # instead of the page of an older plan
-                write_atomic(html, api.show_failure(task, e))
+                write_atomic(html, api.show(unfinished) if unfinished else api.show_failure(task, e))
+            if unfinished:
+                _keep(unfinished, output)
             raise
     found = result.plan
     page = api.show(found) if html else None
@@ -87,6 +91,13 @@ def plan(
     print(_times(result))
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
+
+
+def _keep(unfinished: Plan, output: Path) -> None:
+    """Writes what was found of a plan beside where the plan would be, and says so."""
+    file = output.with_name(output.name.removesuffix(".json").removesuffix(".plan") + ".partial.plan.json")
+    unfinished.save(file)
+    print(f"wrote {file}: not certified, as far as planning got", file=sys.stderr)
 
 
 def check(file: Path, /, *, everything: Annotated[bool, Parameter(name="--all")] = False, json: bool = False) -> int:

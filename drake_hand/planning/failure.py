@@ -1,4 +1,4 @@
-"""`no_plan`: a failure that names mode, finger, constraint and object pose, in words and as evidence."""
+"""Failures that name mode, finger, constraint and object pose, in words and as evidence."""
 
 from __future__ import annotations
 
@@ -9,6 +9,20 @@ import numpy as np
 
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.model.hand import Hand
+from drake_hand.plans.path import Path
+
+
+class Stopped(NoPlanFound):
+    """A search that did not reach the end of the motion, with the path to where it got.
+
+    Args:
+        why: the failure.
+        path: to the state that got farthest.
+    """
+
+    def __init__(self, why: NoPlanFound, path: Path) -> None:
+        super().__init__(why.reason, status=why.status, evidence=why.evidence)
+        self.path = path
 
 
 def no_plan(

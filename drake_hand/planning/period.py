@@ -127,12 +127,16 @@ def returned(moves: Moves, x: State, target: State) -> State | None:
     some[0] = x
     dead: set[int] = set()
 
+    def liftable(i: int, f: int) -> bool:
+        rest = frozenset(np.flatnonzero(some[i].touching).tolist()) - {f}
+        return bool(some[i].margins[f] >= 0) and moves.allowed(rest)
+
     def onward(i: int) -> bool:
         if i == sets - 1:
             return True
         for bit, f in enumerate(astray):
             j = i | 1 << bit
-            if j == i or j in dead or not able[j] or (some[i].touching[f] and some[i].margins[f] < 0):
+            if j == i or j in dead or not able[j] or (some[i].touching[f] and not liftable(i, f)):
                 continue
             move = switch_between(moves, some[i], some[j], f)
             if move is not None:

@@ -11,8 +11,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import start, steps
-from drake_hand.planning.force_plan import add_forces
-from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import MOVING, still
 from drake_hand.planning.problem import Problem
@@ -37,7 +36,7 @@ class Run:
         try:
             for task, builder, rest in self._begun():
                 try:
-                    yield self._path_of(task, self._follow(task, builder, rest))
+                    yield self._follow(task, builder, rest)
                 except NoPlanFound as e:
                     failures.append(e)
                     if time.monotonic() > self.problem.deadline:
@@ -45,19 +44,6 @@ class Run:
         except NoPlanFound as e:
             failures.append(e)
         raise max(failures, key=lambda e: e.progress, default=NoPlanFound("there is no other plan"))
-
-    def _path_of(self, task: Task, builder: LegBuilder) -> Path:
-        return Path(
-            legs=tuple(builder.legs),
-            hand=self.problem.hand,
-            object=self.problem.object,
-            task=task,
-            stats={
-                "stages_s": self.problem.stages,
-                "expansions": self.problem.expansions,
-                "regrasps": builder.regrasps,
-            },
-        )
 
     def _begun(self) -> Iterator[tuple[Task, LegBuilder, list[Step]]]:
         """What the first steps lead to, from one start after another, and the steps that are left."""
@@ -77,10 +63,10 @@ class Run:
                 steps.start_inside(builder, self.problem.clearance, task.start.joints_deg, task.options.model)  # type: ignore[union-attr]
             yield task, builder, list(task.motion)
 
-    def _follow(self, task: Task, builder: LegBuilder, todo: list[Step]) -> LegBuilder:
+    def _follow(self, task: Task, builder: LegBuilder, todo: list[Step]) -> Path:
         """Carries out the steps; where one fails, takes back the one before and tries another way."""
         if not todo:
-            return self._with_forces(task, builder)
+            return finished(self.problem, task, builder)
         step, rest = todo[0], todo[1:]
         moving = moving_steps(rest if step.grasp else todo)
         ways: Iterator[LegBuilder]
@@ -120,16 +106,6 @@ class Run:
             assert step.push is not None
             path = self.problem.path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])
             steps.push(builder, self.problem.clearance, path, model, self.problem.hand.finger(step.push.finger).index)
-        return builder
-
-    def _with_forces(self, task: Task, builder: LegBuilder) -> LegBuilder:
-        """With contact forces on all legs, where they are asked for."""
-        holding = self.problem.holding(task)
-        if isinstance(holding, Equilibrium):
-            builder = builder.copy()
-            with self.problem.stage("forces"):
-                gravity = np.asarray(task.physics.gravity)
-                builder.legs = add_forces(builder.legs, self.problem.scene, gravity, holding)
         return builder
 
 

@@ -171,6 +171,11 @@ class Search:
         """Share of the motion that was reached."""
         return 0.0 if self.farthest is None else self._share(self.farthest)
 
+    @property
+    def founded(self) -> bool:
+        """Whether the hand can get to the root of the state that got farthest."""
+        return self.farthest is not None and self._founded(self.farthest)
+
     def _children(self, state: State) -> list[State]:
         rng = self.moves.rng
         children = draw_strokes(self.moves, state)

@@ -11,7 +11,8 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, gait, grasp, steps
-from drake_hand.planning.failure import no_plan
+from drake_hand.planning.failure import Stopped, no_plan
+from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder, follow
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath, still
@@ -173,12 +174,29 @@ def _in_turn(
     while True:
         before = sum(x.search.expansions for x in attempts)
         with problem.stage("search"):
-            done = next(rounds, None)
+            try:
+                done = next(rounds, None)
+            except NoPlanFound as e:
+                raise _stopped(problem, attempts, e) from None
         problem.expansions += sum(x.search.expansions for x in attempts) - before
         if done is None:
             return
         for x, end in done:
             yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, 1.0))
+
+
+def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoPlanFound:
+    """The same failure, with the path to the state that got farthest, where there is one."""
+    some = [x for x in attempts if x.search.fraction > 0 and x.search.founded]
+    if not some:
+        return why
+    best = max(some, key=lambda x: x.search.fraction)
+    assert best.search.farthest is not None, "a search that is founded has roots"
+    builder = _built(problem, best.builder, best.search.moves, best.search.farthest)
+    try:
+        return Stopped(why, finished(problem, best.task, builder))
+    except NoPlanFound:
+        return why
 
 
 def _gait(problem: Problem, attempt: Attempt) -> State | None:

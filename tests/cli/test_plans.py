@@ -133,6 +133,26 @@ def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch,
     assert "no plan (infeasible): index cannot reach" in page.read_text()
 
 
+def test_what_was_found_of_a_plan_is_kept(certified, tmp_path, monkeypatch, capsys):
+    """Beside where the plan would be; an older plan there stays."""
+    failing = msgspec.structs.replace(certified.certificate, certified=False, failures=["slip_mm"])
+
+    def refuse(task, **_):
+        raise api.Unproven(certified, failing)
+
+    monkeypatch.setattr(api, "solve", refuse)
+    older, page = tmp_path / "a.plan.json", tmp_path / "a.html"
+    older.write_text("an older plan")
+    assert cli.run(["plan", "spin", "-o", str(older), "--html", str(page)]) == 1
+    err = capsys.readouterr().err
+    assert "does not pass its certificate: slip_mm" in err
+    kept = tmp_path / "a.partial.plan.json"
+    assert str(kept) in err
+    assert not Plan.load(kept).certified
+    assert older.read_text() == "an older plan"
+    assert "not certified" in page.read_text()
+
+
 def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1 2 3 4")
     monkeypatch.setattr("drake_hand.view.show.serve_page", lambda page, announce: announce("http://localhost:7003/"))

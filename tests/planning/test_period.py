@@ -1,6 +1,7 @@
 """Periods: where an object looks as before, and a state that has come back is led on by what led there."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,6 +74,14 @@ def test_what_comes_back_goes_on_to_the_end(twice):
         assert after.parent is before
         assert after.s >= before.s
     assert end.regrasps == p.count * sum(1 for x in chain[1:] if not isinstance(x.move, Stroke)) / p.count
+
+
+def test_fingers_go_back_only_through_modes_that_are_allowed(twice):
+    m, p, root, end = twice
+    x = next(x for x in end.chain if x.s == p.ticks)
+    assert p.completed(m, x) is not None
+    touching = frozenset(np.flatnonzero(root.touching).tolist())
+    assert p.completed(replace(m, allowed=lambda mode: mode == touching), x) is None
 
 
 def test_contacts_of_later_periods_are_on_the_surface(twice):

@@ -5,6 +5,7 @@ import itertools
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
@@ -64,6 +65,20 @@ def test_a_grasp_from_which_the_next_step_fails_is_taken_back():
     slid = next(leg for leg in path.legs if leg.mode == "211" and np.ptp(leg.q, axis=0).any())
     length = np.linalg.norm(np.diff(slid.p_OP["left"], axis=0), axis=1).sum()
     assert length == pytest.approx(20e-3, abs=1e-5)
+
+
+def test_a_search_that_ends_early_leaves_the_part_it_found():
+    """No finger may be lifted: the pencil gets as far as the first grasp rolls."""
+    asked = task("quartet", "pencil_r8", turn(720.0), time_limit_s=10.0, modes=["0000", "1111"])
+    with pytest.raises(NoPlanFound, match="motion") as e:
+        api.solve(asked)
+    part = api.unfinished(e.value)
+    assert part.modes[-1] == "1111"
+    began, ended = part.at([0.0, part.duration]).X_WO[:, :3, :3]
+    assert Rotation.from_matrix(ended @ began.T).magnitude() > 0.05
+    assert not part.certified
+    assert any("goal" in failure for failure in part.certificate.failures)
+    assert all("goal" in failure for failure in part.certificate.failures), "all else is as it should be"
 
 
 def test_out_of_reach_is_said_with_mode_finger_and_pose():

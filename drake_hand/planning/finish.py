@@ -1,0 +1,31 @@
+"""From legs to a path: contact forces where they are asked for, and what planning took."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.planning.force_plan import add_forces
+from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.problem import Problem
+from drake_hand.plans.path import Path
+from drake_hand.plans.task import Task
+
+
+def finished(problem: Problem, task: Task, builder: LegBuilder) -> Path:
+    """The path of the legs strung together so far, with forces.
+
+    Raises:
+        NoPlanFound: no forces balance the object somewhere along it.
+    """
+    holding, legs = problem.holding(task), builder.legs
+    if isinstance(holding, Equilibrium):
+        with problem.stage("forces"):
+            legs = add_forces(legs, problem.scene, np.asarray(task.physics.gravity), holding)
+    return Path(
+        legs=tuple(legs),
+        hand=problem.hand,
+        object=problem.object,
+        task=task,
+        stats={"stages_s": problem.stages, "expansions": problem.expansions, "regrasps": builder.regrasps},
+    )
