@@ -129,15 +129,16 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Sta
     while True:
         start = round(state.s)
         end = min(start + gait.stroke, goal)
-        if all(b + len(h.q) - 1 >= goal for b, h in zip(births, gait.holds, strict=True)):
+        lasting = all(b + len(h.q) - 1 >= goal for b, h in zip(births, gait.holds, strict=True))
+        if lasting and carried(moves, state, float(goal), state.off) is not None:
             end = goal
+        elif not steps and carried(moves, state, float(end), state.off) is None:
+            return None
         ticks = np.arange(start, end + 1)
         posture = np.repeat(state.q[None], len(ticks), axis=0)
         for b, h in zip(births, gait.holds, strict=True):
             posture[:, h.finger, : h.q.shape[1]] = h.q[ticks - b]
         X = np.ascontiguousarray(moves.path.X_WO[ticks, :3])
-        if not steps and carried(moves, state, float(end), state.off) is None:
-            return None
         move = Stroke(X=X, q=posture)
         state = State(
             s=float(end), off=state.off, X=X[-1], q=posture[-1], touching=state.touching, regrasps=state.regrasps,

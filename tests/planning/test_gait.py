@@ -1,5 +1,7 @@
 """Periodic gaits: bases that last a stroke and hold at both ends, with any finger lifted in the order given."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.world import load
-from tests.planning.small import equilibrium, table, turn
+from tests.planning.small import equilibrium, moves, path, table, turn, waiting
 
 FINGERS = [0, 1, 2, 3]
 STROKE = 10
@@ -77,3 +79,18 @@ def test_there_is_no_gait_in_modes_that_may_not_be_used_or_strokes_too_long(reac
     assert gait.find(reach, FINGERS, bears, never_lifts, rng, enough=ENOUGH, strokes=(STROKE,)) == []
     every = lambda touching: True  # noqa: E731
     assert gait.find(reach, FINGERS, bears, every, rng, enough=ENOUGH, strokes=(10_000,)) == []
+
+
+def test_the_last_stroke_is_longer_only_where_that_is_clear_and_holds(monkeypatch):
+    asked = turn(142.5)
+    way, reach = path("quartet", asked), table("quartet", "cylinder", asked)
+    real = gait.carried
+
+    def strokes() -> list[float]:
+        m = moves("quartet", "cylinder", way)
+        end = gait.propose(reach, list(range(4)), m, waiting("quartet"), lambda root: True)
+        return [after.s - before.s for before, after in itertools.pairwise(end.chain) if after.s > before.s]
+
+    assert strokes() == [28.0, 29.0]
+    monkeypatch.setattr(gait, "carried", lambda m, x, s, off: real(m, x, s, off) if s - x.s <= 28 else None)
+    assert strokes() == [28.0, 28.0, 1.0]
