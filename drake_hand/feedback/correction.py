@@ -23,6 +23,9 @@ GAIN = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
 TRUST = 0.1
 """Share of what a look says anew that is believed at once: what a look is worth at 30 a second and 1 deg of noise."""
+UNSURE_RAD, UNSURE_M = np.radians(0.5), 0.25e-3
+"""Errors that cannot be told from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is corrected.
+Contacts that follow noise are where they should not be, and use up friction."""
 TIMING_S, NOISE = 0.01, np.radians(1.0)
 """How well it is known when the object was where, s, and how well a look shows its turn, rad: while it turns so fast
 that the first makes more of a difference than the second, looks count for less."""
@@ -187,11 +190,13 @@ class Correction:
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:
-        """The error as far as it is corrected in this part."""
+        """The error as far as it can be told from noise, and is corrected in this part."""
         most = self._tube.turn[self._follow.part[row]]
-        size = float(np.linalg.norm(self._error[:3]))
-        shrink = min(1.0, most / size) if size > 0 else 1.0
-        return np.concatenate([shrink * self._error[:3], self._error[3:]])
+        out = self._error.copy()
+        for part, unsure, at_most in ((slice(0, 3), UNSURE_RAD, most), (slice(3, 6), UNSURE_M, np.inf)):
+            size = float(np.linalg.norm(out[part]))
+            out[part] *= min(max(size - unsure, 0.0), at_most) / max(size, 1e-12)
+        return out
 
     def _hold(self, row: int, moved: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Fingers that touch carry the object along a small twist, or along what of it the tube allows.
