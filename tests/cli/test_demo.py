@@ -1,5 +1,7 @@
 """The demo goes the whole way, and stops where an answer is no."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from drake_hand import cli
@@ -8,8 +10,8 @@ from drake_hand.cli import demo, drives_execute, plans, plot
 STEPS = [
     (plans, "plan"),
     (plans, "check"),
-    (demo, "simulate"),
     (drives_execute, "execute"),
+    (demo, "_answer"),
     (plot, "plot"),
     (plot, "plot"),
 ]
@@ -19,6 +21,7 @@ STEPS = [
 def called(monkeypatch):
     """Names of the steps taken; none of them does anything."""
     taken: list[str] = []
+    monkeypatch.setattr(demo, "_beside", lambda *words: nullcontext())
     for module, name in STEPS:
         monkeypatch.setattr(module, name, lambda *_, name=name, **__: taken.append(name))
     return taken
@@ -31,9 +34,18 @@ def test_goes_the_whole_way(called, tmp_path, capsys):
 
 
 def test_stops_where_the_answer_is_no(called, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, "simulate", lambda *_, **__: 1)
+    monkeypatch.setattr(demo, "_answer", lambda *_: 1)
     assert cli.run(["demo", "-o", str(tmp_path)]) == 1
-    assert called == ["plan", "check"]
+    assert called == ["plan", "check", "execute"]
+
+
+def test_a_command_beside_others_is_asked_for_its_answer_or_ended(tmp_path, capfd):
+    with demo._beside("simulate", tmp_path / "none.plan.json") as process:
+        assert demo._answer(process) == 2
+    assert "none.plan.json" in capfd.readouterr().err
+    with demo._beside("plan", "spin") as process:
+        pass
+    assert process.returncode < 0
 
 
 @pytest.mark.slow
