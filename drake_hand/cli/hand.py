@@ -18,7 +18,7 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 
 
 @app.command
-def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
+def check(hand: str, /, *, png: Path | None = None, html: Path | None = None, json: bool = False) -> int:
     """Report what a hand model consists of and what is wrong with it.
 
     Exit status: 0 ready for planning, 1 something prevents planning, 2 the model cannot be read.
@@ -26,16 +26,18 @@ def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
     ```console
     $ drake-hand hand check kanguera
     $ drake-hand hand check my_hand.urdf --json
-    $ drake-hand hand check my.hand.yaml --png my_hand.png
+    $ drake-hand hand check my.hand.yaml --png my_hand.png --html my_hand.html
     ```
 
     Args:
         hand: a bundled name, a hand file, or a URDF, in which fingers are then looked for.
         png: also draw the hand: where its palm faces, the order of its fingers, tip spheres, how far joints go.
+        html: the same as a page in which it can be turned and moved, with what deserves a look beside it.
         json: print one JSON object on stdout.
     """
-    if png:
-        require_folder(png)
+    for picture in (png, html):
+        if picture:
+            require_folder(picture)
     from drake_hand.model.check import check_hand as examine
     from drake_hand.model.check import load_hand
 
@@ -44,6 +46,10 @@ def check(hand: str, /, *, png: Path | None = None, json: bool = False) -> int:
         from drake_hand.view.hand_picture import draw_hand
 
         write_atomic(png, draw_hand(load_hand(hand)[0]))
+    if html:
+        from drake_hand.view.look import render_hand
+
+        render_hand(load_hand(hand)[0], remarks=[*report.problems, *report.remarks]).save(html)
     status = 1 if report.problems else 0
     if json:
         print_json({"status": "problems" if status else "ok", **dataclasses.asdict(report)})

@@ -18,17 +18,16 @@ from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.object import Geometry
 from drake_hand.model.scene import Scene
+from drake_hand.planning.cover import cover
 
 CLEARANCE = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
-_SPACING, _MOST = 6.0e-3, 150
-"""Of the spheres that cover boxes and meshes, m; where that takes more than so many, they are bigger."""
-_OBJECT_SPACING, _OBJECT_MOST = 4.0e-3, 600
+_BEYOND, _MOST = 1.0e-3, 150
+"""How far the spheres that cover a link's boxes and meshes reach beyond them, m, where no more than so many do."""
+_OBJECT_BEYOND, _OBJECT_MOST = 2.0e-3, 600
 """The same of those that cover the object, where it is to keep clear of the palm."""
 LIMIT_MARGIN = np.radians(2.0)
 """Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
-_SHELL = 4.0e-3
-"""How deep their centres lie under the surface, m."""
 _GROUP = 24
 """Spheres of a link that are looked at together."""
 _GRID = {1: 40, 2: 14, 3: 8}
@@ -104,7 +103,7 @@ class _Solid:
 class Clearance:
     """Clearances of one scene's hand, by finger index; all distances in m, negative in penetration.
 
-    Never more than the true ones; less by 4 % of a capsule's radius, and by 2 mm or more at boxes and meshes.
+    Never more than the true ones; less by 4 % of a capsule's radius, and by 1 mm or more at boxes and meshes.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -227,11 +226,11 @@ def _cover(scene: Scene, finger: Finger) -> Spheres:
     groups: list[tuple[RigidBody, slice]] = []
     count = 0
     for index, body, X_JL in _bodies(scene, finger):
-        shapes = [_cover_geometry(g) for _, g in _geometries(scene, body)]
+        shapes = [cover(g, beyond=_BEYOND, most=_MOST) for _, g in _geometries(scene, body)]
         if not shapes:
             continue
         p_J = np.concatenate([p for p, _ in shapes]) @ X_JL[:3, :3].T + X_JL[:3, 3]
-        r_J = np.concatenate([np.full(len(p), r) for p, r in shapes])
+        r_J = np.concatenate([r for _, r in shapes])
         order = np.argsort(p_J[:, np.ptp(p_J, axis=0).argmax()], kind="stable")
         for rows in np.array_split(order, range(_GROUP, len(order), _GROUP)):
             p, r = p_J[rows], r_J[rows]
@@ -278,8 +277,8 @@ def _keeps_off(scene: Scene, spheres: Spheres, bodies: list[RigidBody]) -> np.nd
 
 
 def _cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    found = [_cover_geometry(g, _OBJECT_SPACING, _OBJECT_MOST) for g in surface.geometries]
-    return np.concatenate([p for p, _ in found]), np.concatenate([np.full(len(p), r) for p, r in found])
+    found = [cover(g, beyond=_OBJECT_BEYOND, most=_OBJECT_MOST) for g in surface.geometries]
+    return np.concatenate([p for p, _ in found]), np.concatenate([r for _, r in found])
 
 
 def _still(scene: Scene, spheres: Spheres) -> list[tuple[_Solid, np.ndarray]]:
@@ -295,22 +294,3 @@ def _still(scene: Scene, spheres: Spheres) -> list[tuple[_Solid, np.ndarray]]:
         if use.any():
             found.append((_Solid(Surface(tuple(g for _, g in shapes))), use))
     return found
-
-
-def _cover_geometry(g: Geometry, step: float = _SPACING, most: int = _MOST) -> tuple[np.ndarray, float]:
-    """Centres in the link's frame and radius of spheres that cover a shape."""
-    if g.kind == "sphere":
-        centres, radius = np.zeros((1, 3)), g.size[0]
-    elif g.kind in ("cylinder", "capsule"):
-        r, length = g.size
-        n = max(1, int(np.ceil(length / (0.6 * r))))
-        half = length / n / 2
-        # The rim of a cylinder is covered from half a step inside; round ends have spheres of their own.
-        end = length / 2 - (half if g.kind == "cylinder" else 0.0)
-        z = np.linspace(-end, end, n if g.kind == "cylinder" else n + 1)
-        centres, radius = np.column_stack([np.zeros((len(z), 2)), z]), float(np.hypot(r, half))
-    else:
-        spacing = max(step, float(np.sqrt(g.to_trimesh().area / most)))
-        p, normal = Surface((replace(g, X_OG=np.eye(4)),)).sample(spacing)
-        centres, radius = p - _SHELL * normal, float(np.hypot(_SHELL, spacing / np.sqrt(2)))
-    return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radius

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from drake_hand.contact.contact_sets import ContactSets
@@ -109,8 +111,8 @@ def roots(
     held = held[np.argsort(-value, kind="stable")]
     clear = held[moves.clear(X, posture[held], touching[held])][:LOOKED_AT]
     if not len(clear):
-        what = f"none of {len(held)} sets of contacts that balance the object is clear of collisions"
-        raise fail(what, "collision")
+        what, finger = _collide(moves, X, posture[held], touching[held])
+        raise fail(f"no set of contacts that balances the object is clear of collisions: {what}", "collision", finger)
     out = [State(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
     moves.evaluate(out)
     for others in then:
@@ -212,6 +214,26 @@ def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.nda
         if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():
             return f"{words} ({least})", constraint
     return least, "balance"
+
+
+def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray) -> tuple[str, int]:
+    """What most sets of contacts collide with, in words, and the finger it is about; the object at X (3, 4)."""
+    clearance, fingers = moves.clearance, moves.clearance.hand.fingers
+    X_WO = np.vstack([X, [0.0, 0.0, 0.0, 1.0]])
+    centres = [clearance.centres(f.index, posture[:, f.index, : len(f.columns)]) for f in fingers]
+    gaps: dict[tuple[str, int], np.ndarray] = {}
+    for f, p in zip(fingers, centres, strict=True):
+        links, all_of_it = (clearance.to_object(f.index, p, X_WO, tip=tip) for tip in (False, True))
+        gaps[f"links of {f.name} and the object", f.index] = np.where(touching[:, f.index], links, all_of_it)
+        gaps[f"{f.name} and the palm", f.index] = clearance.to_palm(f.index, p)
+    for a, b in itertools.combinations(fingers, 2):
+        gaps[f"{a.name} and {b.name}", a.index] = clearance.between(
+            a.index, centres[a.index], b.index, centres[b.index]
+        )
+    shares = {key: float((gap < moves.world.clearance).mean()) for key, gap in gaps.items()}
+    first, *others = sorted(shares, key=lambda key: -shares[key])[:3]
+    said = [f"{words} in {shares[words, f]:.0%}" for words, f in (first, *others) if shares[words, f] > 0]
+    return f"of {len(posture)}, {', '.join(said)}", first[1]
 
 
 def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:

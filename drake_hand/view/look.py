@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from drake_hand.plans.task import Step, Task
 from drake_hand.plans.words import short_name, step_words
 from drake_hand.verify.goal import pose_matrix, step_goal
 from drake_hand.view.course import tip_centres
+from drake_hand.view.hand_picture import sweeps
 from drake_hand.view.page import Page, insert
 from drake_hand.view.stage import Stage
 
@@ -24,12 +26,29 @@ _AXES = (("x", "#c0392b"), ("y", "#1e8449"), ("z", "#2471a3"))
 _WAY = "#374151"
 
 
-def render_hand(hand: Hand) -> Page:
-    """A hand at its home posture, with a slider per joint, palm frame and reach."""
+def render_hand(hand: Hand, *, remarks: Sequence[str] = ()) -> Page:
+    """A hand at its home posture: a slider per joint, palm frame, where the palm faces, tip spheres, sweeps and reach.
+
+    Args:
+        hand: the hand.
+        remarks: what is to be said about it.
+    """
     stage = Stage(Scene(hand), np.zeros(1), gravity=np.zeros(3))
     stage.hand(hand.q_home[None], None)
-    note = f"{len(hand.fingers)} fingers, {hand.nq} joints; palm frame W: x, y, z"
-    return _page(stage, hand, title=hand.name, note=note)
+    way, length = hand.closing.palm, 0.5 * stage.size
+    start = np.mean([finger.axes[0].X_PJ[:3, 3] for finger in hand.fingers], axis=0)
+    stage.still_arrow("ways/palm", _WAY, RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), start), length)
+    labels = [{"name": "palm faces", "color": _WAY, "path": "stage", "p": (start + length * way).tolist()}]
+    for finger in hand.fingers:
+        stage.ball(finger)
+        for joint, points in zip(finger.joints, sweeps(hand, finger), strict=True):
+            stage.line(f"ways/sweeps/{joint}", finger.index, points)
+    note = (
+        f"{len(hand.fingers)} fingers, {hand.nq} joints; palm frame W: x, y, z; balls: the fingertips, numbered as in "
+        "mode codes; lines: their ways as one joint goes from limit to limit"
+    )
+    note = "\n- ".join([note, *remarks])
+    return _page(stage, hand, title=hand.name, note=note, labels=labels, numbered=True)
 
 
 def render_task(task: Task) -> Page:
@@ -113,6 +132,7 @@ def _page(
     X_WO: np.ndarray | None = None,
     labels: list[dict[str, Any]] | None = None,
     blocked: str | None = None,
+    numbered: bool = False,
 ) -> Page:
     labels = list(labels or [])
     for i, (name, color) in enumerate(_AXES):
@@ -133,6 +153,7 @@ def _page(
         "X_WO": None if X_WO is None else X_WO.T.ravel().tolist(),
         "labels": labels,
         "blocked": blocked,
+        "numbered": numbered,
         **stage.scene,
     }
     return insert(stage.html(), "look.html", data)

@@ -12,6 +12,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RigidBody
 from pydrake.perception import PointCloud
 
+from drake_hand.model.hand import Finger
 from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import quaternions
 from drake_hand.view.colors import finger_color, rgb
@@ -100,9 +101,8 @@ class Stage:
             self._draw_body(f"hand/{body.name()}", body)
             self._move(f"hand/{body.name()}", poses[:, b])
         origins = poses[0, :, :3, 3]
-        p_WT = np.mean([self._scene.tip_position(f) for f in self._scene.hand.fingers], axis=0)
-        at = p_WT if X_WO is None else X_WO[0, :3, 3]
-        self._face(self._R_VW @ (at - (origins.min(axis=0) + origins.max(axis=0)) / 2))
+        middle = (origins.min(axis=0) + origins.max(axis=0)) / 2
+        self._face(self._R_VW @ (self._scene.hand.palm_direction if X_WO is None else X_WO[0, :3, 3] - middle))
 
     def object(self, X_WO: np.ndarray, *, ghost: bool = False) -> None:
         """Draws the object at (k, 4, 4) poses; as a `ghost` it is faint, for what was planned beside what happened."""
@@ -157,6 +157,17 @@ class Stage:
         self._meshcat.SetTriangleMesh(f"{_ROOT}/{path}", vertices.T, faces.T, color)
         each = 3 * len(faces) // len(times)
         self._ways.append({"path": f"stage/{path}", "ends": np.round(times, 3).tolist(), "each": each})
+
+    def line(self, path: str, index: int, p_W: np.ndarray) -> None:
+        """Draws a line through points (k, 3) of W in a finger's colour."""
+        vertices, faces = tubes(p_W[:-1], p_W[1:], 0.003 * self.size)
+        self._meshcat.SetTriangleMesh(f"{_ROOT}/{path}", vertices.T, faces.T, Rgba(*rgb(finger_color(index)), 1.0))
+
+    def ball(self, finger: Finger) -> None:
+        """Draws the sphere that stands for a fingertip; it goes with its link."""
+        path = f"{_ROOT}/hand/{finger.tip_link}/sphere"
+        self._meshcat.SetObject(path, Sphere(finger.radius), Rgba(*rgb(finger_color(finger.index)), 0.6))
+        self._meshcat.SetTransform(path, RigidTransform(finger.p_LC))
 
     def mark(self, path: str, shape: Shape, color: str, X: RigidTransform | None = None) -> None:
         """Draws a mark: seen through whatever is before it."""

@@ -10,6 +10,7 @@ from drake_hand import api, cli
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Task
+from drake_hand.view.hand_picture import shapes_at_home, sweeps
 
 
 def data(page: str) -> dict:
@@ -66,3 +67,41 @@ def test_commands_write_pages_of_hand_and_task(tmp_path, capsys):
     assert "spin" in capsys.readouterr().err
     for name in ("hand", "task"):
         assert "dh-yaml" in (tmp_path / f"{name}.html").read_text()
+
+
+def test_a_checked_hand_can_be_turned(hand, tmp_path, capsys):
+    """Where its palm faces, its fingers in order, their spheres and the sweeps of their joints."""
+    page = tmp_path / "hand.html"
+    assert cli.run(["hand", "check", "kanguera", "--html", str(page), "--png", str(tmp_path / "hand.png")]) == 0
+    assert "ready for planning" in capsys.readouterr().out
+    assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
+    found = data(page.read_text())
+    assert found["numbered"]
+    assert [tip["name"] for tip in found["tips"]] == ["little", "ring", "middle", "index", "thumb"]
+    palm = next(label for label in found["labels"] if label["name"] == "palm faces")
+    bases = np.mean([f.axes[0].X_PJ[:3, 3] for f in hand.fingers], axis=0)
+    way = np.array(palm["p"]) - bases
+    assert way / np.linalg.norm(way) @ [1, 0, 0] > 0.99, "x, as the hand's README says"
+    assert found["look"]["front"] == pytest.approx([1, 0, 0])
+
+
+def test_sweeps_end_where_joints_do(hand):
+    scene = Scene(hand)
+    for finger in hand.fingers:
+        for column, way in zip(finger.columns, sweeps(hand, finger), strict=True):
+            for limit, end in ((hand.q_lower, way[0]), (hand.q_upper, way[-1])):
+                q = hand.q_home.copy()
+                q[column] = limit[column]
+                scene.set(q)
+                np.testing.assert_allclose(end, scene.tip_position(finger), atol=1e-9)
+
+
+def test_a_hand_is_drawn_as_it_stands(hand):
+    """Of every link on its way to the fingertip there is something where Drake has the link."""
+    triangles, colors = shapes_at_home(hand)
+    assert len(triangles) == len(colors) > 1000
+    scene = Scene(hand)
+    scene.set(hand.q_home)
+    for finger in hand.fingers:
+        nearest = np.linalg.norm(triangles.reshape(-1, 3) - scene.tip_position(finger), axis=1).min()
+        assert nearest < finger.radius + 1e-3

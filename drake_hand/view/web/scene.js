@@ -149,7 +149,8 @@ const dh = (() => {
   // Names at the fingertips.
   const named = [...data.tips, ...(data.labels || [])];
   const labels = named.map(({ name, color }, i) => {
-    const label = add(find("#dh-labels"), "div", { style: `background: ${color}` }, name);
+    const label = add(find("#dh-labels"), "div", { style: `background: ${color}` },
+      data.numbered && i < data.tips.length ? `${i + 1} ${name}` : name);
     label.addEventListener("click", () => dh.pick && i < data.tips.length && dh.pick(i));
     return label;
   });

@@ -1,0 +1,46 @@
+"""Few spheres that cover many triangles: ever the one that adds most area."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import float64
+
+from drake_hand.compiled import njit
+
+
+@njit()
+def _inside(p, r, triangle):
+    """Whether the corners of a triangle (3, 3), and so all of it, are in a sphere."""
+    for k in range(3):
+        x, y, z = triangle[k, 0] - p[0], triangle[k, 1] - p[1], triangle[k, 2] - p[2]
+        if x * x + y * y + z * z > r * r:
+            return False
+    return True
+
+
+@njit((float64[:, :, ::1], float64[::1], float64[:, ::1], float64[::1]))
+def choose(triangles, area, p, r):
+    """Which of spheres with centres p (S, 3) and radii r (S,) to take, each triangle (T, 3, 3) being in one of them."""
+    T, S = len(triangles), len(p)
+    covers = np.zeros((T, S), dtype=np.bool_)
+    worth = np.zeros(S)
+    for t in range(T):
+        for s in range(S):
+            if _inside(p[s], r[s], triangles[t]):
+                covers[t, s] = True
+                worth[s] += area[t]
+    left = np.ones(T, dtype=np.bool_)
+    chosen = np.empty(T, dtype=np.int64)
+    n = 0
+    while left.any():
+        best = np.argmax(worth)
+        chosen[n] = best
+        n += 1
+        for t in range(T):
+            if left[t] and covers[t, best]:
+                left[t] = False
+                for s in range(S):
+                    if covers[t, s]:
+                        worth[s] -= area[t]
+        worth[best] = -1.0
+    return chosen[:n]
