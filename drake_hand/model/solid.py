@@ -39,7 +39,7 @@ _CONCAVITIES = (0.05, 0.03, 0.02)
 """CoACD's threshold, until the error is small enough."""
 _WRAP = 30
 """Cells along an open body in the grid in which it is wrapped."""
-_VERSION = "2"
+_VERSION = "3"
 """Of how meshes are decomposed, for the cache."""
 
 
@@ -117,7 +117,7 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
 
     bodies, turned = [], 0
     closed = mesh.is_watertight
-    for body in mesh.split(only_watertight=False):
+    for body in _bodies(mesh):
         trimesh.repair.fill_holes(body)
         if body.is_watertight and body.volume < 0:
             body.invert()
@@ -133,6 +133,29 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
             else ""
         )
         notes.append(f"mesh: its surface was open; holes were filled{rest}")
+    return bodies
+
+
+def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """The bodies of a mesh: what hangs together by edges of two faces; of the rest, what closes a surface together.
+
+    Bodies that touch one another along edges come apart at these: a mug's floor in its wall, say.
+    """
+    import trimesh
+
+    parts = list(mesh.split(only_watertight=False))
+    bodies = [part for part in parts if part.is_watertight]
+    left = [part for part in parts if not part.is_watertight]
+    while left:
+        together = [left.pop()]
+        vertices = {tuple(v) for v in together[0].vertices}
+        while touching := [part for part in left if not vertices.isdisjoint(map(tuple, part.vertices))]:
+            together += touching
+            left = [part for part in left if not any(part is other for other in touching)]
+            vertices.update(tuple(v) for part in touching for v in part.vertices)
+        whole: Any = trimesh.util.concatenate(together)
+        whole.merge_vertices()
+        bodies += [whole] if whole.is_watertight else together
     return bodies
 
 

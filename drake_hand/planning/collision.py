@@ -14,11 +14,13 @@ from pydrake.multibody.tree import RigidBody
 from scipy.spatial import cKDTree
 
 from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.kernels.geometry import solid
 from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.object import Geometry
 from drake_hand.model.scene import Scene
 from drake_hand.planning.cover import cover
+from drake_hand.planning.kernels import clear
 
 CLEARANCE = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
@@ -72,7 +74,7 @@ class _Solid:
     """A union of convex shapes that does not move, with a box around it."""
 
     def __init__(self, surface: Surface) -> None:
-        self.surface = surface
+        self._arrays = solid(surface.geometries)
         corners = np.concatenate([g.box_O for g in surface.geometries])
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
 
@@ -89,7 +91,9 @@ class _Solid:
             radius = np.broadcast_to(s.radius, pick.shape)[pick]
             exact = self._outside(some) - radius
             close = exact < _FAR
-            exact[close] = self.surface.closest(some[close])[2] - radius[close]
+            distance = np.empty(int(close.sum()))
+            clear.distances(self._arrays, some[close], _FAR + float(radius.max(initial=0.0)), distance)
+            exact[close] = distance - radius[close]
             gap[pick] = exact
             least = np.minimum(least, gap.min(axis=1))
         return least
@@ -139,8 +143,8 @@ class Clearance:
             ticks = [np.linspace(lo, hi, n) for lo, hi in zip(kin.lower, kin.upper, strict=True)]
             q = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
             centres = self.centres(i, q)
-            clear = self.to_palm(i, centres) >= 0
-            q, centres, cell = q[clear], centres[clear], (kin.upper - kin.lower) / (n - 1)
+            free = self.to_palm(i, centres) >= 0
+            q, centres, cell = q[free], centres[free], (kin.upper - kin.lower) / (n - 1)
             neighbours = cKDTree(q / cell).query_pairs(1.8, output_type="ndarray")
             self._postures[i] = Postures(q=q, centres=centres, cell=cell, neighbours=neighbours)
         return self._postures[i]
@@ -167,8 +171,8 @@ class Clearance:
     def to_palm(self, i: int, centres: np.ndarray) -> np.ndarray:
         """(N,) least clearance of finger i from the palm and what is fixed to it; inf where nothing is checked."""
         s, least = self._spheres[i], np.full(len(centres), np.inf)
-        for solid, use in self._palm[i]:
-            least = np.minimum(least, solid.least_gap(centres, s, use))
+        for still, use in self._palm[i]:
+            least = np.minimum(least, still.least_gap(centres, s, use))
         return least
 
     def between(self, i: int, a: np.ndarray, j: int, b: np.ndarray) -> np.ndarray:
@@ -270,8 +274,9 @@ def _standing(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometry]
 
 def _keeps_off(scene: Scene, spheres: Spheres, bodies: list[RigidBody]) -> np.ndarray:
     inspector = scene.scene_graph.model_inspector()
-    still = [gid for body in bodies for gid, _ in _geometries(scene, body)]
-    own = [[gid for gid, _ in _geometries(scene, body)] for body, _ in spheres.groups]
+    shapes = scene.plant.GetCollisionGeometriesForBody
+    still = [gid for body in bodies for gid in shapes(body)]
+    own = [shapes(body) for body, _ in spheres.groups]
     rows = [[any(not inspector.CollisionFiltered(a, b) for a in ids) for b in still] for ids in own]
     return np.array(rows, dtype=bool).reshape(len(own), len(still))
 
@@ -284,7 +289,7 @@ def _cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 def _still(scene: Scene, spheres: Spheres) -> list[tuple[_Solid, np.ndarray]]:
     """Bodies that stand still in W, and which of a finger's spheres (S,) are checked against each."""
     inspector = scene.scene_graph.model_inspector()
-    own = [[g for g, _ in _geometries(scene, body)] for body, _ in spheres.groups]
+    own = [scene.plant.GetCollisionGeometriesForBody(body) for body, _ in spheres.groups]
     found = []
     for body in scene.plant.GetBodiesWeldedTo(scene.plant.world_body()):
         shapes = _standing(scene, body)

@@ -20,7 +20,7 @@ _DEPTHS = (1.0, 2.0, 4.0, 8.0)
 """Of centres under the surface, over the same."""
 _COARSER = 1.4
 """By which it grows until the spheres are few enough."""
-_TRIANGLES = 3000
+_TRIANGLES = 2000
 """About how many triangles there may be."""
 
 
@@ -76,7 +76,9 @@ def _spheres(mesh: trimesh.Trimesh, triangles: np.ndarray, beyond: float) -> tup
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-15)[:, None]
-    p = np.concatenate([(middle - depth * beyond * normal)[:: int(depth)] for depth in _DEPTHS])  # deep ones are alike
+    p = np.concatenate(
+        [(middle - depth * beyond * normal)[:: max(int(depth), 2)] for depth in _DEPTHS]
+    )  # deep ones are alike
     r = (offset - p @ out.T).min(axis=1) + beyond
     p, r = p[r > 2 * beyond], r[r > 2 * beyond]
     p = np.concatenate([middle, p])  # each of the first covers the triangle it is in, whatever its size

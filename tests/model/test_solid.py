@@ -121,6 +121,19 @@ def test_a_surface_that_encloses_its_solid_is_wrapped(save):
     assert depth(solid, [0.002, 0.020, 0.015]) > 0.001, "its wall is not"
 
 
+def test_bodies_that_share_edges_are_told_apart(save):
+    """A cup: wall and floor have an edge in common, at which four faces meet."""
+    wall = trimesh.creation.annulus(0.026, 0.030, 0.06, sections=32)
+    floor = trimesh.creation.cylinder(0.030, 0.004, sections=32).apply_translation([0, 0, -0.028])
+    cup = trimesh.util.concatenate([wall, floor])
+    cup.merge_vertices()
+    assert not cup.is_watertight
+    solid = read_solid(save(cup, "cup.obj"), ONE)
+    assert depth(solid, [0.0, 0.0, 0.01]) < -0.02, "the inside of the cup is air"
+    assert depth(solid, [0.0, 0.0, -0.028]) > 0.0015, "its floor is not"
+    assert "error 0." in solid.notes[-1]
+
+
 def test_flat_is_refused(save):
     flat = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0]], [[0, 1, 2], [1, 3, 2]])
     with pytest.raises(InputError, match="flat"):

@@ -9,7 +9,7 @@ from numba import boolean, float64
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
-from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, WORLD, scratch
+from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
 
 @njit()
@@ -171,3 +171,10 @@ def clear(w, X, q0, touching, ok):
                 ok[i] &= touching[i, f] or touching[i, j] or apart(w, f, j, s, w.clearance)
             if ok[i] and not touching[i, f]:
                 ok[i] = off_palm(w, f, s, w.clearance)
+
+
+@njit((SOLID, float64[:, ::1], float64, float64[::1]))
+def distances(b, p, near, out):
+    """Writes the signed distance of points (N, 3) from a solid; of those farther than `near`, a lower bound."""
+    for i in range(len(p)):
+        out[i] = closest(b, p[i, 0], p[i, 1], p[i, 2], near)[6]

@@ -144,7 +144,7 @@ def scratch(w):
 
 
 def _types() -> tuple[numba.types.Type, ...]:
-    """Of `World`, `Load` and `Seeds`, whatever is in them."""
+    """Of `World`, `Load`, `Seeds` and of a solid, whatever is in them."""
 
     def floats(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -165,8 +165,8 @@ def _types() -> tuple[numba.types.Type, ...]:
     world = World(chains, solid, solid, cover, floats(3), 0.0, 0.0, False, 0)
     load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
-    return tuple(numba.typeof(x) for x in (world, load, seeds))
+    return tuple(numba.typeof(x) for x in (world, load, seeds, solid))
 
 
-WORLD, LOAD, SEEDS = _types()
+WORLD, LOAD, SEEDS, SOLID = _types()
 """Types for the signatures of kernels."""
