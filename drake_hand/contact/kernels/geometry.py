@@ -171,6 +171,8 @@ def _mesh(px, py, pz, s, first, last, near):
         h = (px - a[0]) * n[0] + (py - a[1]) * n[1] + (pz - a[2]) * n[2]
         if h > height:
             height, best = h, t
+            if h > near:
+                break
     n = s.normals[best]
     if height <= 0.0 or height > near:
         return px - height * n[0], py - height * n[1], pz - height * n[2], n[0], n[1], n[2], height

@@ -81,12 +81,13 @@ def off_palm(w, f, s, least):
         p = s.groups[g]
         if _outside(b, p[0], p[1], p[2]) >= c.r[g] + least:
             continue
-        for k in range(c.spheres[g], c.spheres[g + 1]):
-            need, p = c.r_sphere[k] + least, s.spheres[k]
-            if _outside(b, p[0], p[1], p[2]) >= need:
+        for h in range(len(b.kind)):
+            need = c.r[g] + least
+            if not c.still[g, h] or closest_of(b, h, p[0], p[1], p[2], need)[6] >= need:
                 continue
-            for h in range(len(b.kind)):
-                if c.still[g, h] and closest_of(b, h, p[0], p[1], p[2], need)[6] < need:
+            for k in range(c.spheres[g], c.spheres[g + 1]):
+                need, x = c.r_sphere[k] + least, s.spheres[k]
+                if _outside(b, x[0], x[1], x[2]) < need and closest_of(b, h, x[0], x[1], x[2], need)[6] < need:
                     return False
     return True
 
