@@ -109,7 +109,12 @@ def roots(
     value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
     held = held[np.argsort(-value, kind="stable")]
-    clear = held[moves.clear(X, posture[held], touching[held])][:LOOKED_AT]
+    clear = np.zeros(0, dtype=int)
+    for block in np.split(held, range(LOOKED_AT, len(held), LOOKED_AT)):
+        clear = np.append(clear, block[moves.clear(X, posture[block], touching[block])])
+        if len(clear) >= LOOKED_AT:
+            break
+    clear = clear[:LOOKED_AT]
     if not len(clear):
         what, finger = _collide(moves, X, posture[held], touching[held])
         raise fail(f"no set of contacts that balances the object is clear of collisions: {what}", "collision", finger)
