@@ -27,7 +27,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 
 from drake_hand.errors import InputError
 from drake_hand.model.fingertip import Fingertip
@@ -90,7 +90,9 @@ def add_hand_and_object(
     for joint in hand.urdf.chain(hand.urdf.root, hand.palm) or []:
         X_RootPalm = X_RootPalm @ joint.X_PC
     root = plant.GetBodyByName(_drake_name(hand.urdf.root), hand_model).body_frame()
-    plant.WeldFrames(plant.world_frame(), root, RigidTransform(X_RootPalm).inverse())
+    # on a frame of its own, so that this joint keeps its frames together as all fixed joints of a URDF do
+    X_WRoot = RigidTransform(X_RootPalm).inverse()
+    plant.WeldFrames(plant.AddFrame(FixedOffsetFrame("palm_mount", plant.world_frame(), X_WRoot, hand_model)), root)
     for finger, tip in zip(hand.fingers, tips, strict=True):
         properties = tip_properties(finger) if tip_properties else _plain_properties()
         body = plant.GetBodyByName(finger.tip_link, hand_model)

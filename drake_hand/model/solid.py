@@ -115,9 +115,9 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
     """The separate bodies of a mesh, closed and with their faces outward where that can be done."""
     import trimesh
 
-    bodies, turned = [], 0
-    closed = mesh.is_watertight
+    bodies, turned, closed = [], 0, True
     for body in _bodies(mesh):
+        closed &= body.is_watertight
         trimesh.repair.fill_holes(body)
         if body.is_watertight and body.volume < 0:
             body.invert()

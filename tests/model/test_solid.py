@@ -132,6 +132,7 @@ def test_bodies_that_share_edges_are_told_apart(save):
     assert depth(solid, [0.0, 0.0, 0.01]) < -0.02, "the inside of the cup is air"
     assert depth(solid, [0.0, 0.0, -0.028]) > 0.0015, "its floor is not"
     assert "error 0." in solid.notes[-1]
+    assert not any("open" in note for note in solid.notes)
 
 
 def test_flat_is_refused(save):
