@@ -116,9 +116,8 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
     import trimesh
 
     bodies, turned = [], 0
-    found = _split(mesh)
-    closed = all(body.is_watertight for body in found)
-    for body in found:
+    closed = bool((np.bincount(mesh.edges_unique_inverse) > 1).all())
+    for body in _split(mesh):
         trimesh.repair.fill_holes(body)
         if body.is_watertight and body.volume < 0:
             body.invert()
