@@ -193,6 +193,9 @@ def test_completion_can_be_installed(tmp_path, monkeypatch, capsys):
     [
         (["plan", "s"], {"spin", "mine.task.yaml"}),
         (["check", ""], {"mine.plan.json", "sub/"}),
+        (["show", "mi"], {"spin", "mine.task.yaml", "mine.plan.json"}),
+        (["plot", ""], {"mine.plan.json", "today.run.npz"}),
+        (["sweep", ""], {"mine.sweep.yaml"}),
         (["check", "sub/"], {"sub/other.plan.json"}),
         (["execute", "mine.plan.json", "--drives", ""], {"kanguera", "mine.drives.yaml"}),
         (["hand", "check", ""], {"kanguera"}),
@@ -209,6 +212,7 @@ def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, t
         "mine.task.yaml",
         "mine.plan.json",
         "mine.drives.yaml",
+        "mine.sweep.yaml",
         "today.run.npz",
         "notes.txt",
         "my.urdf",
