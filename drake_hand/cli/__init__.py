@@ -65,5 +65,5 @@ def _run(tokens: Sequence[str]) -> int:
 
 def main() -> None:
     """Entry point of ``drake-hand``."""
-    interrupt.listen()
+    interrupt.heed()
     sys.exit(run(sys.argv[1:]))

@@ -22,7 +22,7 @@ _last_s: float | None = None
 """When it was last heard, by `time.monotonic`."""
 
 
-def listen() -> None:
+def heed() -> None:
     """From now on Ctrl-C raises `KeyboardInterrupt`, at most once a second; for the process of a command."""
     signal.signal(signal.SIGINT, _hear)
 

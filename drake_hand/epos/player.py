@@ -24,7 +24,7 @@ from drake_hand.epos.position import PositionBackend
 from drake_hand.epos.pvt import PvtBackend
 from drake_hand.epos.record import Fault
 from drake_hand.epos.schedule import CLOCK_TOLERANCE, Schedule
-from drake_hand.epos.state import Control, State
+from drake_hand.epos.state import Control, DriveState
 from drake_hand.epos.stops import MISSED_AT_MOST, Watch
 
 BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
@@ -33,9 +33,9 @@ BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
     "epos1": PositionBackend,
 }
 LADDER = (
-    (Control.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    (Control.SWITCH_ON, State.SWITCHED_ON),
-    (Control.ENABLE, State.OPERATION_ENABLED),
+    (Control.SHUTDOWN, DriveState.READY_TO_SWITCH_ON),
+    (Control.SWITCH_ON, DriveState.SWITCHED_ON),
+    (Control.ENABLE, DriveState.OPERATION_ENABLED),
 )
 """Control word and the state all drives have to reach before the next."""
 LISTEN_SYNCS = 5
@@ -273,7 +273,7 @@ class Player:
             if abs(axis.position - counts) > axis.drive.following_error_counts // 2:
                 raise _Stop("start", f"moved by {axis.position - counts} counts before it was enabled", axis)
 
-    def _bring(self, word: int, state: State) -> Iterator[None]:
+    def _bring(self, word: int, state: DriveState) -> Iterator[None]:
         """All drives together to a state: the next word goes out when the last has arrived."""
         for _ in self._syncs(ENABLE_S):
             late = [i for i, a in enumerate(self.axes) if a.state is not state]
@@ -383,10 +383,10 @@ class Player:
         for _ in self._syncs(STOP_S):
             yield
             busy = self._powered()
-            if all(self.axes[i].state is State.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
+            if all(self.axes[i].state is DriveState.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
                 break
             self._command_at_once(
-                Control.QUICK_STOP, [i for i in busy if self.axes[i].state is State.OPERATION_ENABLED]
+                Control.QUICK_STOP, [i for i in busy if self.axes[i].state is DriveState.OPERATION_ENABLED]
             )
         yield from self._disable()
 
