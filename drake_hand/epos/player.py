@@ -99,7 +99,7 @@ class Player:
         self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
         self._send, self._tell = send, tell
-        self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
+        self._streams = any(not d.has_queue for d in schedule.drives.drives)
         self._course: Iterator[None] = self._play()
         self._requests: deque[tuple[str, str]] = deque()
         self._stopping = self._cutting = False
@@ -225,7 +225,7 @@ class Player:
         self.watch.demand = None
         # That an EPOS2 leaves its interpolated motion on the halt bit, on the profile's ramp, is inferred.
         halt = Control.ENABLE | Control.HALT
-        queues = [i for i, a in enumerate(self.axes) if a.drive.type == "epos2"]
+        queues = [i for i, a in enumerate(self.axes) if a.drive.has_queue]
         self._command_at_once(halt, queues)
         for i in set(range(len(self.axes))) - set(queues):
             self._command(i, Control.ENABLE)
@@ -336,7 +336,7 @@ class Player:
                         raise _Stop("skew", "does not play", axis)
             return
         for axis, backend in zip(self.axes, self._backends, strict=True):
-            if axis.drive.type == "epos2" and backend.playing(axis):
+            if axis.drive.has_queue and backend.playing(axis):
                 self._first_playing.setdefault(axis.drive.node, self.step)
         if self._first_playing:
             steps = self._first_playing.values()
@@ -372,7 +372,7 @@ class Player:
         self.stage = "settling"
         for _ in self._syncs(SETTLE_S):
             yield
-            busy = [a for a in self.axes if a.still < _STILL or (a.drive.type == "epos2" and a.active)]
+            busy = [a for a in self.axes if a.still < _STILL or (a.drive.has_queue and a.active)]
             if not busy:
                 return
         raise _Stop("stuck", "does not come to rest", busy[0])
