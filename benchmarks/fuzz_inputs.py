@@ -20,7 +20,7 @@ from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.files import bundled, data_dir
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.model.propose import propose
+from drake_hand.model.propose import propose_hand
 from drake_hand.model.readable import readable
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Urdf
@@ -133,14 +133,14 @@ class Reader:
         """`hand check my_hand.urdf`, Drake apart."""
         urdf = Urdf.load(self.write("input.urdf", self.text("urdf", rng)))
         readable(urdf, lambda mesh: mesh.name)
-        Hand.build(propose(urdf).spec, urdf, urdf.file)
+        Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
 
     def scene(self, rng: np.random.Generator) -> None:
         """Hand and object in Drake."""
         file = self.write("input.urdf", self.text("urdf", rng) if rng.random() < 0.5 else self._text("urdf"))
         object_ = self.write("object.urdf", self.text("object", rng))
         urdf = Urdf.load(file)
-        scene = Scene(Hand.build(propose(urdf).spec, urdf, file), Object.load(object_))
+        scene = Scene(Hand.build(propose_hand(urdf).spec, urdf, file), Object.load(object_))
         scene.set(scene.hand.q_home, np.eye(4))
         scene.penetrations()
 

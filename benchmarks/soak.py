@@ -21,7 +21,7 @@ from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos.drives import SUFFIX, Drives
-from drake_hand.epos.executor import Progress, Run, execute
+from drake_hand.epos.executor import DriveRun, RunProgress, execute
 from drake_hand.epos.record import NO_QUEUE
 from drake_hand.epos.sim.process import spawn_simulated_drives
 
@@ -50,7 +50,7 @@ def resident_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_MB
 
 
-def soak(minutes: float, types: str, sync_ms: int) -> tuple[Run, np.ndarray]:
+def soak(minutes: float, types: str, sync_ms: int) -> tuple[DriveRun, np.ndarray]:
     """One run of so many minutes.
 
     Returns:
@@ -62,7 +62,7 @@ def soak(minutes: float, types: str, sync_ms: int) -> tuple[Run, np.ndarray]:
         plan = swing(drives.joints, 60 * minutes, swings=round(60 * minutes / SWING_S))
         with spawn_simulated_drives(drives) as spawned, spawned.open_bus() as bus:
 
-            def note(progress: Progress) -> None:
+            def note(progress: RunProgress) -> None:
                 if progress.time_s >= SAMPLE_S * len(samples) and progress.stage == "playing":
                     samples.append((progress.time_s, resident_mb(os.getpid()), resident_mb(spawned.process.pid)))
                     if len(samples) % 12 == 0:
@@ -89,7 +89,7 @@ def main() -> int:
     return 0 if run.ok and (warm[-1, 1:] - warm[0, 1:] < MAY_GROW_MB).all() else 1
 
 
-def figures(run: Run, memory: np.ndarray) -> Iterator[str]:
+def figures(run: DriveRun, memory: np.ndarray) -> Iterator[str]:
     """What the run says of itself."""
     answer, record = run.answer(), run.record
     late, tracking = answer["sync_late_ms"], answer["tracking"].values()

@@ -13,7 +13,7 @@ import msgspec
 from mkdocs.structure.files import File
 
 import drake_hand
-from drake_hand.cli import COMMANDS
+from drake_hand.cli.app import COMMANDS
 from drake_hand.epos.drives import DrivesFile
 from drake_hand.model.hand_file import HandSpec
 from drake_hand.plans.plan import Plan

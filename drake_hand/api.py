@@ -17,7 +17,7 @@ from drake_hand.plans.task import Options, Task
 
 if TYPE_CHECKING:
     from drake_hand.model.hand import Hand
-    from drake_hand.physics.run import Record, Run
+    from drake_hand.physics.run import Record, SimulatedRun
     from drake_hand.planning.search import Progress
     from drake_hand.view.page import Page
 
@@ -141,7 +141,7 @@ def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> 
     return certify(plan, progress=tell)
 
 
-def show(plan: Plan, replayed: tuple[Run, Record] | None = None) -> Page:
+def show(plan: Plan, replayed: tuple[SimulatedRun, Record] | None = None) -> Page:
     """A plan as one HTML page to play, pause and scrub; shown in a notebook cell, or saved to a file.
 
     Args:

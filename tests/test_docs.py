@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from drake_hand.cli import build_app
+from drake_hand.cli.app import build_app
 from drake_hand.plans.task import Options, Physics, Rotate
 
 ROOT = Path(__file__).parents[1]

@@ -15,16 +15,19 @@ from drake_hand.files import bundled
 if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
 
-_TAKEN = {
-    "task": ("tasks", ".task.yaml"),
-    "hand": ("hands", ".hand.yaml"),
-    "drives": ("drives", ".drives.yaml"),
-    "file": (None, ".plan.json"),
-    "plan": (None, ".plan.json"),
-    "run": (None, ".run.npz"),
-    "urdf": (None, ".urdf"),
+_TAKEN: dict[str, tuple[str | None, tuple[str, ...]]] = {
+    "task": ("tasks", (".task.yaml",)),
+    "hand": ("hands", (".hand.yaml",)),
+    "drives": ("drives", (".drives.yaml",)),
+    "file": (None, (".plan.json",)),
+    "plan": (None, (".plan.json",)),
+    "plan_or_task": ("tasks", (".task.yaml", ".plan.json")),
+    "plan_or_run": (None, (".plan.json", ".run.npz")),
+    "sweep_file": (None, (".sweep.yaml",)),
+    "run": (None, (".run.npz",)),
+    "urdf": (None, (".urdf",)),
 }
-"""By name of the argument: kind of the bundled files it takes by name, and suffix of the files it takes."""
+"""By name of the argument: kind of the bundled files it takes by name, and suffixes of the files it takes."""
 _COMMANDS = {".task.yaml": "plan", ".plan.json": "show", ".run.npz": "plot", ".hand.yaml": "hand check"}
 """What one does first with a file."""
 
@@ -45,9 +48,9 @@ def exact(type_: Any, tokens: Sequence[Token]) -> Any:
 
 def offer(context: CompletionContext) -> Iterator[str]:
     """Bundled names an argument takes, and files of its kind (of any, if it has none) in the folder typed so far."""
-    kind, suffix = _TAKEN.get(context.argument.field_info.name, (None, ""))
+    kind, suffixes = _TAKEN.get(context.argument.field_info.name, (None, ("",)))
     if kind:
-        yield from bundled(kind, suffix)
+        yield from bundled(kind, suffixes[0])
     elif Path not in (context.argument.hint, *get_args(context.argument.hint)):
         return
     folder = context.incomplete.rpartition("/")[0]
@@ -55,7 +58,7 @@ def offer(context: CompletionContext) -> Iterator[str]:
         typed = f"{folder}/{path.name}" if folder or context.incomplete.startswith("/") else path.name
         if path.is_dir():
             yield f"{typed}/"
-        elif path.name.endswith(suffix):
+        elif path.name.endswith(suffixes):
             yield typed
 
 
@@ -63,9 +66,9 @@ def choices(argument: str) -> str | None:
     """What an argument takes, in words; None where its name says it all."""
     if argument not in _TAKEN:
         return None
-    kind, suffix = _TAKEN[argument]
-    names = f", or one of: {', '.join(bundled(kind, suffix))}" if kind else ""
-    return f"a file NAME{suffix}{names}"
+    kind, suffixes = _TAKEN[argument]
+    names = f", or one of: {', '.join(bundled(kind, suffixes[0]))}" if kind else ""
+    return f"a file {' or '.join(f'NAME{suffix}' for suffix in suffixes)}{names}"
 
 
 def command_for(word: str) -> str | None:

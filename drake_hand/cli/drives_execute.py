@@ -201,7 +201,9 @@ def _excerpt(
     end = plan.duration if to_part is None else excerpts.part_end(plan, to_part)
     words: dict[float, str] = {}
     if step:
-        words |= {t: ", ".join(next(p.events for p in plan.parts if p.t[0] == t)) for t in excerpts.switches(plan, end)}
+        words |= {
+            t: ", ".join(next(p.events for p in plan.parts if p.t[0] == t)) for t in excerpts.switch_times(plan, end)
+        }
     if pause:
         said = ("just off the contacts: hand the object over", "all fingers press: let go of the object")
         words |= dict(zip(excerpts.around_grasp(plan, end), said, strict=False))
@@ -283,7 +285,7 @@ def _dry_run(plan: Plan, drives: Drives, excerpt: Excerpt, frames: bool, json: b
 
 
 def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
-    were, remaining = executor.reset_faults(drives, bus)
+    were, remaining = executor.reset_faults_and_report(drives, bus)
     if json:
         print_json({"ok": not remaining, "drives": len(drives.drives), "were_in_fault": were, "problems": remaining})
         return int(bool(remaining))
@@ -295,7 +297,9 @@ def _reset_faults(drives: Drives, bus: can.BusABC, json: bool) -> int:
     return int(bool(remaining))
 
 
-def _print_run(run: executor.Run, json: bool, outcome: Outcome | None = None, seen: PoseFeedback | None = None) -> int:
+def _print_run(
+    run: executor.DriveRun, json: bool, outcome: Outcome | None = None, seen: PoseFeedback | None = None
+) -> int:
     answer = run.answer() | ({"feedback": seen.answer()} if seen else {})
     ok = run.ok and not (outcome and outcome.dropped)
     if json:

@@ -24,7 +24,7 @@ from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import STEP_S, serve_in_step
-from drake_hand.epos.sim.process import SpawnedDrives, begin, child, free_channel, inject, listen, ready
+from drake_hand.epos.sim.process import SpawnedDrives, begin, child, free_channel, inject, read_commands, ready
 from drake_hand.errors import DrakeHandError, DriveError, InputError
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
 from drake_hand.feedback.sources import line
@@ -40,7 +40,7 @@ _AGAIN_S = 0.5
 """So far back in plan time is another run; where a pause ends it goes back by a step."""
 
 
-class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class PhysicsSetup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """What a child simulates."""
 
     drives: str
@@ -135,7 +135,7 @@ def spawn_physical_hand(
         file = Path(folder) / "clock"
         channel = free_channel()
         clock = SharedClock.create(file, channel)
-        setup = Setup(
+        setup = PhysicsSetup(
             drives=str(drives.file),
             plan=str(plan),
             channel=channel,
@@ -155,7 +155,7 @@ def spawn_physical_hand(
 
 def _child() -> None:
     """Simulates until its input ends, then says what became of the object."""
-    commands, setup = begin(Setup)
+    commands, setup = begin(PhysicsSetup)
     stop = threading.Event()
     try:
         drives = Drives.load(setup.drives)
@@ -171,7 +171,7 @@ def _child() -> None:
                     inject(simulated, command)
 
             world.enabled = lambda: any(s.powered for s in simulated.states.values())
-            threading.Thread(target=listen, args=(take, commands, stop), daemon=True).start()
+            threading.Thread(target=read_commands, args=(take, commands, stop), daemon=True).start()
             ready()
             serve_in_step(simulated, bus, world.clock, world, stop)
             simulated.stop()
@@ -187,12 +187,12 @@ def _child() -> None:
 class _World:
     """Drake's plant, whose servos are the cables between motors and joints."""
 
-    def __init__(self, setup: Setup, drives: Drives, plan: Plan, clock: SharedClock) -> None:
+    def __init__(self, setup: PhysicsSetup, drives: Drives, plan: Plan, clock: SharedClock) -> None:
         from drake_hand.model.hand import Hand
         from drake_hand.model.object import Object
         from drake_hand.physics.deviation import main_axis
         from drake_hand.physics.replay import commands
-        from drake_hand.physics.simulation import Perturbation, Physics
+        from drake_hand.physics.simulation import DrakeSimulation, Perturbation
         from drake_hand.verify.certificate import check_models
 
         hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
@@ -203,7 +203,7 @@ class _World:
             change = replace(drawn, shift_mm=change.shift_mm, turn_deg=change.turn_deg)
         self._trajectory = Trajectory(plan)
         first = self._trajectory.at(0.0)
-        self.physics = Physics(
+        self.physics = DrakeSimulation(
             hand,
             object_.with_mass(plan.object_mass_kg),
             commands(self._trajectory),

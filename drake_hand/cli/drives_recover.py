@@ -7,7 +7,7 @@ from pathlib import Path
 from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.executor import Run
+from drake_hand.epos.executor import DriveRun
 from drake_hand.epos.master import Master, open_bus
 from drake_hand.epos.off import switch_off
 from drake_hand.plans.plan import Plan
@@ -120,7 +120,7 @@ def goto(
     return _tell(run, json)
 
 
-def _tell(run: Run, json: bool) -> int:
+def _tell(run: DriveRun, json: bool) -> int:
     answer = run.answer()
     if json:
         print_json(answer)

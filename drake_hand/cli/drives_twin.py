@@ -17,10 +17,9 @@ import numpy as np
 
 from drake_hand.cli.drives_person import say
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.mirror import Mirror, Pose, listen
+from drake_hand.epos.mirror import HandPose, Mirror, poses_from_bus
 from drake_hand.epos.mirror_view import open_view
-from drake_hand.epos.sim.process import begin, child, ready
-from drake_hand.epos.sim.process import listen as hear
+from drake_hand.epos.sim.process import begin, child, read_commands, ready
 from drake_hand.errors import DrakeHandError
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
@@ -38,7 +37,7 @@ _MOST_S = 0.1
 """Followed at once, at most: what a busy computer missed is not made up for."""
 
 
-class Setup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class TwinSetup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """What a twin follows."""
 
     drives: str
@@ -54,7 +53,7 @@ def spawn_twin(drives: Drives, plan: str, interface: str | None, channel: str | 
     Raises:
         DriveError: it did not get ready.
     """
-    setup = Setup(drives=str(drives.file), plan=plan, interface=interface, channel=channel)
+    setup = TwinSetup(drives=str(drives.file), plan=plan, interface=interface, channel=channel)
     with child(["-m", "drake_hand.cli.drives_twin"], setup, "the twin") as process:
         out = process.stdout
         assert out is not None
@@ -73,12 +72,12 @@ def spawn_twin(drives: Drives, plan: str, interface: str | None, channel: str | 
 
 def _child() -> None:
     """Follows until its input ends."""
-    commands, setup = begin(Setup)
+    commands, setup = begin(TwinSetup)
     over = threading.Event()
     try:
         drives, plan = Drives.load(setup.drives), Plan.load(setup.plan)
         twin = Twin(plan, drives)
-        threading.Thread(target=hear, args=(lambda _: None, commands, over), daemon=True).start()
+        threading.Thread(target=read_commands, args=(lambda _: None, commands, over), daemon=True).start()
         with (
             drives.bus.open(setup.interface, setup.channel) as bus,
             open_view(twin.hand.urdf.file, drives.joints) as view,
@@ -89,7 +88,7 @@ def _child() -> None:
             view.add_twin()
             ready()
             os.write(1, f"twin: {view.url}\n".encode())
-            for pose in listen(bus, Mirror(drives), _PERIOD_S):
+            for pose in poses_from_bus(bus, Mirror(drives), _PERIOD_S):
                 if over.is_set():
                     break
                 for line in twin.follow(pose):
@@ -112,11 +111,11 @@ class Twin:
         from drake_hand.model.hand import Hand
         from drake_hand.model.object import Object
         from drake_hand.physics.replay import commands
-        from drake_hand.physics.simulation import Physics
+        from drake_hand.physics.simulation import DrakeSimulation
 
         self.hand = hand = Hand.load(plan.task.hand)
         self._trajectory = Trajectory(plan)
-        self.physics = Physics(
+        self.physics = DrakeSimulation(
             hand,
             Object.load(plan.task.object).with_mass(plan.object_mass_kg),
             commands(self._trajectory),
@@ -147,7 +146,7 @@ class Twin:
         """Where it is, and what is different."""
         return f"{self._where.words}; twin: {', '.join(sorted(self._said)) or 'the same'}"
 
-    def follow(self, pose: Pose) -> Iterator[str]:
+    def follow(self, pose: HandPose) -> Iterator[str]:
         """Moves on to where the other hand is; what is different from now on."""
         if not np.isfinite(pose.measured).all():
             return
@@ -173,7 +172,7 @@ class Twin:
             self.physics.take_back()
         self._free = in_hand
 
-    def _compare(self, pose: Pose, dt: float) -> Iterator[str]:
+    def _compare(self, pose: HandPose, dt: float) -> Iterator[str]:
         assert pose.current_ma is not None
         shown = self._drives.torque_per_ma @ pose.current_ma
         c, physics = self._columns, self.physics

@@ -26,7 +26,7 @@ from drake_hand.plans.trajectory import Trajectory
 
 SPEED = 0.3
 """Of what the hand may do: nobody has seen this way before."""
-_CHILD = "from drake_hand.cli.drives_way import child; child()"
+_CHILD = "from drake_hand.cli.drives_way import answer_wish; child()"
 _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
 
@@ -60,11 +60,11 @@ def way(
     """
     start = dict(zip(joints, q.tolist(), strict=True))
     wish = Wish(hand=hand, start=start, plan=str(plan) if plan else None, object_there=object_there)
-    child = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
+    answer_wish = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
     try:
-        answer = msgspec.json.decode(child.stdout)
+        answer = msgspec.json.decode(answer_wish.stdout)
     except msgspec.DecodeError as e:
-        last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
+        last = (answer_wish.stderr.decode().strip().splitlines() or ["no answer"])[-1]
         raise DrakeHandError(f"cannot plan a path (it takes a computer with Drake): {last}") from e
     if "reason" in answer:
         raise NoPlanFound(f"no path from here: {answer['reason']}")
@@ -80,8 +80,8 @@ def come(
     object_there: bool = False,
     open_: bool = False,
     power: bool,
-    progress: Callable[[executor.Progress], None],
-) -> executor.Run:
+    progress: Callable[[executor.RunProgress], None],
+) -> executor.DriveRun:
     """Brings the hand home, or to where a plan starts.
 
     Args:
@@ -113,7 +113,7 @@ def come(
     return executor.execute(there, drives, bus, excerpt=Excerpt(speed=SPEED), person=person, progress=progress)
 
 
-def child() -> None:
+def answer_wish() -> None:
     """Answers a wish on standard input with a plan on standard output."""
     wish = msgspec.json.decode(sys.stdin.buffer.read(), type=Wish)
     try:

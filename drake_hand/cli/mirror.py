@@ -16,10 +16,10 @@ from rich.console import Console
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
-from drake_hand.epos.mirror import Mirror, Pose, listen, replay
+from drake_hand.epos.mirror import HandPose, Mirror, poses_from_bus, poses_from_record
 from drake_hand.epos.mirror_view import open_view
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.whereabouts import Whereabouts
@@ -89,11 +89,11 @@ def _mirror(
             found = Drives.load(drives)
             joints: tuple[str, ...] = found.joints
             bus = stack.enter_context(open_bus(found.bus, interface, channel))
-            poses = listen(bus, Mirror(found), _PERIOD_S)
+            poses = poses_from_bus(bus, Mirror(found), _PERIOD_S)
         else:
             record = RunRecord.load(run)
             joints = tuple(record.header.joints)
-            poses = chain.from_iterable(replay(record, _PERIOD_S) for _ in count())
+            poses = chain.from_iterable(poses_from_record(record, _PERIOD_S) for _ in count())
         view = stack.enter_context(open_view(urdf, joints, host, port))
         where = Whereabouts(plan, joints) if plan else None
         if plan:
@@ -117,7 +117,9 @@ def mesh(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(body.vertices), np.asarray(body.faces)
 
 
-def _reporting(poses: Iterator[Pose], joints: tuple[str, ...], where: Whereabouts | None) -> Iterator[tuple[Pose, str]]:
+def _reporting(
+    poses: Iterator[HandPose], joints: tuple[str, ...], where: Whereabouts | None
+) -> Iterator[tuple[HandPose, str]]:
     """Passes poses on with what they show in words, which a terminal is told a few times a second."""
     console, begun, words = Console(file=sys.stderr), None, "listening"
     with console.status(words) as status:
@@ -134,7 +136,7 @@ def _reporting(poses: Iterator[Pose], joints: tuple[str, ...], where: Whereabout
             yield pose, words
 
 
-def describe_pose(pose: Pose, joints: tuple[str, ...]) -> str:
+def describe_pose(pose: HandPose, joints: tuple[str, ...]) -> str:
     """One line: how many drives are heard, the largest error, who is in fault."""
     heard = int(np.isfinite(pose.measured).sum())
     words = [f"{heard} of {len(joints)} joints heard"]
@@ -142,7 +144,7 @@ def describe_pose(pose: Pose, joints: tuple[str, ...]) -> str:
     if error.max() > 0:
         worst = int(error.argmax())
         words.append(f"error {np.degrees(error[worst]):.1f} deg at {joints[worst]}")
-    enabled = sum(s is State.OPERATION_ENABLED for s in pose.states)
+    enabled = sum(s is DriveState.OPERATION_ENABLED for s in pose.states)
     if pose.states:
         words.append(f"{enabled} enabled")
     faulty = [j for j, s in zip(joints, pose.states, strict=False) if s.faulty]

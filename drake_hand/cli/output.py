@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from drake_hand.cli import interrupt
 from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
 
 TRACEBACK = "DRAKE_HAND_TRACEBACK"
@@ -99,6 +100,7 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         shown = ""
 
         def update(record: Any) -> None:
+            interrupt.insist()
             fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
             stage, fraction = fields.pop("stage"), fields.pop("fraction")
             fields.pop("elapsed_s", None)  # the display has its own clock

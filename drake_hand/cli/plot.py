@@ -15,7 +15,7 @@ from drake_hand.plans.plan import Plan
 
 
 def plot(
-    file: Path,
+    plan_or_run: Path,
     /,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
@@ -35,7 +35,7 @@ def plot(
     ```
 
     Args:
-        file: the plan file, or the record of a run of `execute`.
+        plan_or_run: the plan file, or the record of a run of `execute`.
         output: the folder for the files.
         formats: svg, pdf and png, with commas between.
         gif: also write the plan as a moving picture.
@@ -54,17 +54,17 @@ def plot(
     if gif:
         require_folder(gif)
     kinds = [kind.strip() for kind in formats.split(",")]
-    if file.name.endswith(record.SUFFIX):
-        files = draw_run(record.RunRecord.load(file), output, formats=kinds)
+    if plan_or_run.name.endswith(record.SUFFIX):
+        files = draw_run(record.RunRecord.load(plan_or_run), output, formats=kinds)
     else:
-        subject = Plan.load(file)
+        subject = Plan.load(plan_or_run)
         hand = Hand.load(subject.task.hand)
         files = draw_plan(subject, hand, output, formats=kinds)
         if gif:
             write_gif(subject, Course.of(subject, hand, np.linspace(0, subject.duration, 200)), gif)
             files.append(gif)
         if replay:
-            with naming(file):
+            with naming(plan_or_run):
                 files += _draw_replays(subject, output, kinds)
     for written in files:
         print(f"wrote {written}")

@@ -13,7 +13,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import SUFFIX, Task
 
 
-def show(file: str, /, *, html: Path | None = None) -> None:
+def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
     """Watch a plan in the browser, or look at a task before there is a plan.
 
     A plan plays, pauses and scrubs, with the mode and its timeline beside the hand; press ? in the page for its keys.
@@ -26,22 +26,22 @@ def show(file: str, /, *, html: Path | None = None) -> None:
     ```
 
     Args:
-        file: a plan file, a task file, or the name of a bundled task.
+        plan_or_task: a plan file, a task file, or the name of a bundled task.
         html: write a standalone page there instead of serving it.
     """
     if html:
         require_folder(html)
     from drake_hand import api
 
-    with naming(Path(file)):
-        if file in bundled("tasks", SUFFIX) or file.endswith((".yaml", ".yml")):
-            page = str(api.look(Task.load(file)))
-        elif file.endswith(".json") or Path(file).exists():
-            page = str(api.show(Plan.load(file)))
+    with naming(Path(plan_or_task)):
+        if plan_or_task in bundled("tasks", SUFFIX) or plan_or_task.endswith((".yaml", ".yml")):
+            page = str(api.look(Task.load(plan_or_task)))
+        elif plan_or_task.endswith(".json") or Path(plan_or_task).exists():
+            page = str(api.show(Plan.load(plan_or_task)))
         else:
             expected = "a plan (.json), a task (.yaml) or one of: " + ", ".join(bundled("tasks", SUFFIX))
-            raise InputError("nothing to show", file=file, found=file, expected=expected)
-    present(page, Path(file).name, html)
+            raise InputError("nothing to show", file=plan_or_task, found=plan_or_task, expected=expected)
+    present(page, Path(plan_or_task).name, html)
 
 
 def show_hand(hand: str, /, *, html: Path | None = None) -> None:

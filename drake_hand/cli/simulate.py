@@ -14,7 +14,7 @@ from cyclopts.validators import Number
 from drake_hand.cli.output import naming, print_json, print_table, progress_display
 from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.files import require_folder, write_atomic
-from drake_hand.physics.engine import Push
+from drake_hand.physics.engine import PushForce
 from drake_hand.plans.plan import Plan
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def simulate(
     engine: Literal["drake", "mujoco", "both"] = "drake",
     feedback: bool = False,
     sensor: Annotated[PoseSensor | None, Parameter(name="*")] = None,
-    push: Annotated[Push | None, Parameter(name="*")] = None,
+    push: Annotated[PushForce | None, Parameter(name="*")] = None,
     json: bool = False,
 ) -> int:
     """Replay a plan in physics: does the object stay in the hand, and where does it end up?

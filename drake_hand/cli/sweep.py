@@ -12,7 +12,7 @@ from drake_hand.files import require_place
 
 
 def sweep(
-    file: Path,
+    sweep_file: Path,
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
@@ -33,7 +33,7 @@ def sweep(
     ```
 
     Args:
-        file: the tasks and how to vary them.
+        sweep_file: the tasks and how to vary them.
         output: the folder; FILE.sweep here if not given.
         scheduler: address of a Dask scheduler, instead of the cores of this machine.
         export: also write demonstrations to train on, from all certified plans and their replays, to this folder.
@@ -44,9 +44,9 @@ def sweep(
     from drake_hand.sweep.spec import SUFFIX, load_cases
     from drake_hand.sweep.store import Store
 
-    cases = load_cases(file)
+    cases = load_cases(sweep_file)
     ids = [case.id for case in cases]
-    output = output or Path(file.name.removesuffix(SUFFIX).removesuffix(".yaml") + ".sweep")
+    output = output or Path(sweep_file.name.removesuffix(SUFFIX).removesuffix(".yaml") + ".sweep")
     for folder in (output, export):
         if folder:
             require_place(folder)

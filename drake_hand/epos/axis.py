@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import IP_ERRORS
 from drake_hand.epos.pdo import LAYOUT, Layout
-from drake_hand.epos.state import BIT12, State, decode_state
+from drake_hand.epos.state import BIT12, DriveState, decode_state
 
 
 @dataclass(slots=True)
@@ -18,7 +18,7 @@ class AxisState:
 
     drive: Drive
     statusword: int = 0
-    state: State = State.UNKNOWN
+    state: DriveState = DriveState.UNKNOWN
     position: int = 0
     """counts."""
     current_ma: int = 0

@@ -111,7 +111,7 @@ def _configure(master: Master, drive: Drive, bus: BusSpec) -> list[str]:
     return problems
 
 
-def release(master: Master, drives: Sequence[Drive]) -> list[str]:
+def release_heartbeat(master: Master, drives: Sequence[Drive]) -> list[str]:
     """Takes the drives off the master's heartbeat, so that they do not fault when it leaves; what did not take."""
 
     def one(drive: Drive) -> str | None:

@@ -38,7 +38,7 @@ class Corrected:
     ) -> None:
         self._schedule, self._correction, self._source = schedule, correction, source
         self._columns, self._speed = columns, speed
-        self._ahead = max(most_ahead(schedule) if d.type == "epos2" else 2 for d in schedule.drives.drives)
+        self._ahead = max(most_ahead(schedule) if d.has_queue else 2 for d in schedule.drives.drives)
         self._dq = np.zeros(len(columns))
         self._rests = frozenset(schedule.stops)
         self._done = self._last = 0

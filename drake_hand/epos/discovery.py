@@ -12,7 +12,7 @@ from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import Master, SdoError, for_all
 from drake_hand.epos.objects import DriveType, Obj
-from drake_hand.epos.state import HOMED, Control, State, decode_state, status_words
+from drake_hand.epos.state import HOMED, Control, DriveState, decode_state, status_words
 from drake_hand.errors import DriveError
 
 TYPES: tuple[DriveType, ...] = get_args(DriveType)
@@ -49,7 +49,7 @@ class Condition:
     """Stored error codes (0x1003), newest first."""
 
     @property
-    def state(self) -> State:
+    def state(self) -> DriveState:
         """Its CiA 402 state."""
         return decode_state(self.statusword, self.drive.type)
 
@@ -138,11 +138,11 @@ def condition(master: Master, drive: Drive) -> Condition:
         position=read(od.POSITION_ACTUAL),
         soft_limits=(read(od.SOFT_LIMIT_MIN), read(od.SOFT_LIMIT_MAX)),
         register=read(od.ERROR_REGISTER),
-        errors=error_history(master, drive.node),
+        errors=read_error_history(master, drive.node),
     )
 
 
-def error_history(master: Master, node: int) -> tuple[int, ...]:
+def read_error_history(master: Master, node: int) -> tuple[int, ...]:
     """Stored error codes (0x1003), newest first.
 
     Raises:
@@ -174,7 +174,7 @@ def not_ready(found: Sequence[Condition]) -> list[str]:
             problems.append(f"{c.drive.joint} (node {c.drive.node}): in fault: {errors} (--reset-faults resets it)")
         elif c.state.powered:
             problems.append(f"{c.drive.joint} (node {c.drive.node}): already powered: {c.words}")
-        elif c.state is State.UNKNOWN:
+        elif c.state is DriveState.UNKNOWN:
             problems.append(f"{c.drive.joint} (node {c.drive.node}): status word {c.words} is none of its type")
     return problems
 

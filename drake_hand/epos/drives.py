@@ -115,6 +115,11 @@ class Drive:
         """Quadrature counts per motor turn."""
         return 4 * self.encoder_counts
 
+    @property
+    def has_queue(self) -> bool:
+        """Whether it plays positions and speeds from a queue (PVT); the others follow a target in every SYNC period."""
+        return self.type == "epos2"
+
 
 _DEFAULTS = DriveSpec(
     type="epos2",

@@ -23,7 +23,7 @@ def part_end(plan: Plan, part: int) -> float:
     return plan.parts[part].t[-1]
 
 
-def switches(plan: Plan, end_s: float) -> list[float]:
+def switch_times(plan: Plan, end_s: float) -> list[float]:
     """Plan times [s] before `end_s` at which a part begins with an event."""
     return [p.t[0] for p in plan.parts[1:] if p.events and p.t[0] < end_s]
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from drake_hand import __version__
 from drake_hand.epos import discovery
-from drake_hand.epos.configure import configure, release
+from drake_hand.epos.configure import configure, release_heartbeat
 from drake_hand.epos.corrected import Corrected
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.grip import Grip
@@ -26,7 +26,7 @@ from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Maste
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.person import AGREES, Person
 from drake_hand.epos.player import Player
-from drake_hand.epos.preflight import Refused, check
+from drake_hand.epos.preflight import Refused, check_before_play
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
 from drake_hand.errors import DriveError, DriveTimeout
@@ -40,7 +40,7 @@ _BEATS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class RunProgress:
     """Progress of a run."""
 
     stage: str
@@ -55,7 +55,7 @@ class Progress:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class DriveRun:
     """A run that enabled drives, and how it ended."""
 
     record: RunRecord
@@ -108,8 +108,8 @@ def execute(
     feel: Callable[[Schedule], Grip] | None = None,
     correct: Callable[[Schedule], Corrected] | None = None,
     log: Path | None = None,
-    progress: Callable[[Progress], None] = lambda _: None,
-) -> Run:
+    progress: Callable[[RunProgress], None] = lambda _: None,
+) -> DriveRun:
     """Checks everything, plays a plan, and leaves every drive disabled.
 
     Ctrl-C and SIGTERM stop the group (when called in the main thread); a second one takes the power off at once. Where
@@ -133,11 +133,11 @@ def execute(
         Refused: something is not as it has to be, or the person does not agree; no drive was enabled.
     """
     with Master(bus, heartbeat_s=drives.bus.heartbeat_ms * 1e-3) as master:
-        progress(Progress(stage="looking for drives"))
-        schedule = check(master, plan, drives, excerpt, problems)
+        progress(RunProgress(stage="looking for drives"))
+        schedule = check_before_play(master, plan, drives, excerpt, problems)
         if not person.agrees(schedule):
             raise Refused(["not agreed to"], wrong_input=False, disabled=True)
-        progress(Progress(stage="configuring"))
+        progress(RunProgress(stage="configuring"))
         off = list(drives.drives)
         try:
             found = configure(master, drives.drives, drives.bus) or _operational(master, drives)
@@ -157,13 +157,13 @@ def execute(
             run = _play(master, plan, player, str(bus.channel_info), person, hold, progress, off)
         finally:
             # a drive that was not read back goes on watching the master, and stops when that leaves
-            release(master, off)
+            release_heartbeat(master, off)
     if log:
         run.record.save(log)
     return run
 
 
-def reset_faults(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]:
+def reset_faults_and_report(drives: Drives, bus: can.BusABC) -> tuple[list[str], list[str]]:
     """Resets the drives that are in fault, enables none and plays nothing.
 
     Args:
@@ -205,9 +205,9 @@ def _play(
     bus_name: str,
     person: Person,
     hold: bool,
-    progress: Callable[[Progress], None],
+    progress: Callable[[RunProgress], None],
     off: list[Drive],
-) -> Run:
+) -> DriveRun:
     """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
     schedule, drives = player.schedule, player.schedule.drives
     started = datetime.now(UTC).isoformat(timespec="seconds")
@@ -244,7 +244,7 @@ def _play(
         faults=faults,
         not_disabled=not_disabled,
     )
-    return Run(record=player.log.record(header), start_skew=player.start_skew, wants_open=wants_open)
+    return DriveRun(record=player.log.record(header), start_skew=player.start_skew, wants_open=wants_open)
 
 
 def _touching(plan: Plan) -> list[tuple[float, float]]:
@@ -252,7 +252,7 @@ def _touching(plan: Plan) -> list[tuple[float, float]]:
     return [(p.t[0], p.t[-1]) for p in plan.parts if p.contacts]
 
 
-def _watch(player: Player, person: Person, progress: Callable[[Progress], None], hangs_s: float) -> bool:
+def _watch(player: Player, person: Person, progress: Callable[[RunProgress], None], hangs_s: float) -> bool:
     """Reports, and asks at pauses and while the hand holds, until the run is over; whether it is to be opened then.
 
     Raises:
@@ -271,7 +271,7 @@ def _watch(player: Player, person: Person, progress: Callable[[Progress], None],
             player.request_stop("interrupt", f"interrupted, then {decision}")
         when, tracking, late = player.log.latest()
         progress(
-            Progress(
+            RunProgress(
                 stage=player.stage,
                 fraction=min(max(when, 0.0) / end, 1.0),
                 time_s=max(when, 0.0),
@@ -288,7 +288,7 @@ def _with_history(master: Master, fault: Fault) -> Fault:
     if not fault.node:
         return fault
     try:
-        history = [emcy_words(code) for code in discovery.error_history(master, fault.node)]
+        history = [emcy_words(code) for code in discovery.read_error_history(master, fault.node)]
     except SdoError:
         return fault
     return msgspec.structs.replace(fault, history=history)

@@ -43,7 +43,7 @@ class Logbook:
         self._position = np.full((k, n), np.nan)
         self._current = np.full((k, n), np.nan, np.float32)
         self._status, self._queued = np.full((k, n), 0, np.uint16), np.full((k, n), NO_QUEUE, np.int16)
-        self._has_queue = [d.type == "epos2" for d in schedule.drives.drives]
+        self._has_queue = [d.has_queue for d in schedule.drives.drives]
         self._open = False
 
     def open_row(self, now: float, late: float, step: int, *, moving: bool) -> None:

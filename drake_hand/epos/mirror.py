@@ -21,8 +21,8 @@ from drake_hand.epos import pdo
 from drake_hand.epos.bus import when
 from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.sim.pvt import Record, cubic
-from drake_hand.epos.state import BIT12, State, decode_state
+from drake_hand.epos.sim.pvt import PvtRecord, cubic
+from drake_hand.epos.state import BIT12, DriveState, decode_state
 from drake_hand.errors import InputError
 
 _RUN = 1 << 4
@@ -31,7 +31,7 @@ _CLEAR_QUEUE = bytes([0x2F]) + o.IP_BUFFER_CLEAR.index.to_bytes(2, "little") + b
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pose:
+class HandPose:
     """Both hands at one moment; joints in the order of the drives, NaN where nothing is known."""
 
     t: float
@@ -40,7 +40,7 @@ class Pose:
     """(n,) rad."""
     measured: np.ndarray
     """(n,) rad."""
-    states: tuple[State, ...] = ()
+    states: tuple[DriveState, ...] = ()
     """Of each drive, as last heard; UNKNOWN before."""
     current_ma: np.ndarray | None = None
     """(n,) of each motor, as last heard; 0 before; None in a replay."""
@@ -63,10 +63,10 @@ class _Listener:
         self._per_rpm = drive.counts_per_turn / 60
         self.measured = self._target = np.nan
         self.current_ma = 0
-        self.state = State.UNKNOWN
+        self.state = DriveState.UNKNOWN
         self._latched = 0
         self._word: int | None = None  # no SYNC heard yet: bit 4 may have risen before
-        self._queue: deque[Record] = deque()
+        self._queue: deque[PvtRecord] = deque()
         self._started: float | None = None
 
     def told(self, data: bytes) -> None:
@@ -79,7 +79,7 @@ class _Listener:
     def queued(self, data: bytes) -> None:
         """A PVT record."""
         position, rpm, ms = pdo.unpack_record(data)
-        self._queue.append(Record(position, rpm * self._per_rpm, ms * 1e-3))
+        self._queue.append(PvtRecord(position, rpm * self._per_rpm, ms * 1e-3))
 
     def cleared(self) -> None:
         """Its queue was emptied."""
@@ -96,7 +96,7 @@ class _Listener:
         """Its status PDO."""
         word, position, *used = self._layout.status.unpack(data)
         self.measured, self.state = float(position), decode_state(word, self._type)
-        if self.state is not State.OPERATION_ENABLED:
+        if self.state is not DriveState.OPERATION_ENABLED:
             self._started = None
         elif used and word & BIT12 and self._started is None and 0 < used[0] <= len(self._queue):
             while len(self._queue) > used[0]:
@@ -109,7 +109,7 @@ class _Listener:
 
     def commanded(self, t: float) -> float:
         """Where it ought to be at bus time t; NaN when unknown or not enabled."""
-        if self.state is not State.OPERATION_ENABLED:
+        if self.state is not DriveState.OPERATION_ENABLED:
             return np.nan
         if self._started is None:
             return self._target
@@ -176,11 +176,11 @@ class Mirror:
         except struct.error:
             return
 
-    def pose(self, t: float) -> Pose:
+    def pose(self, t: float) -> HandPose:
         """Both hands at bus time t."""
         commanded = np.array([x.commanded(t) for x in self._listeners])
         measured = np.array([x.measured for x in self._listeners])
-        return Pose(
+        return HandPose(
             t=t,
             commanded=self._joints(commanded),
             measured=self._joints(measured),
@@ -196,7 +196,7 @@ class Mirror:
         return np.where(blurred, np.nan, q)
 
 
-def listen(bus: can.BusABC, mirror: Mirror, period_s: float) -> Iterator[Pose]:
+def poses_from_bus(bus: can.BusABC, mirror: Mirror, period_s: float) -> Iterator[HandPose]:
     """Poses from the bus as of the last frame, one each `period_s` seconds, until the caller stops asking.
 
     Only ``bus.recv`` is ever called.
@@ -213,7 +213,7 @@ def listen(bus: can.BusABC, mirror: Mirror, period_s: float) -> Iterator[Pose]:
             due = max(due + period_s, time.time())
 
 
-def replay(record: RunRecord, period_s: float) -> Iterator[Pose]:
+def poses_from_record(record: RunRecord, period_s: float) -> Iterator[HandPose]:
     """Poses of a recorded run, in its own time.
 
     Raises:
@@ -224,6 +224,6 @@ def replay(record: RunRecord, period_s: float) -> Iterator[Pose]:
     start, t = time.monotonic(), 0.0
     while t <= record.t[-1]:
         k = int(np.searchsorted(record.t, t, side="right")) - 1
-        yield Pose(t=t, commanded=record.commanded[max(k, 0)], measured=record.measured[max(k, 0)])
+        yield HandPose(t=t, commanded=record.commanded[max(k, 0)], measured=record.measured[max(k, 0)])
         time.sleep(max(period_s - (time.monotonic() - start - t), 0.0))
         t = time.monotonic() - start

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_hand.epos.mirror import Pose
+from drake_hand.epos.mirror import HandPose
 from drake_hand.epos.mirror_page import PAGE
 from drake_hand.errors import DriveError, InputError, nearest
 
@@ -273,7 +273,9 @@ class MirrorView:
         """Puts a third hand there, the simulated one, as a green ghost."""
         self._twin = self._add_twin()
 
-    def show(self, pose: Pose, X_WO: np.ndarray | None = None, words: str = "", twin: np.ndarray | None = None) -> None:
+    def show(
+        self, pose: HandPose, X_WO: np.ndarray | None = None, words: str = "", twin: np.ndarray | None = None
+    ) -> None:
         """Draws a pose; a commanded joint that is not known lies on the measured one.
 
         Args:

@@ -10,7 +10,7 @@ import can
 from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.master import NMT_PRE_OPERATIONAL, Master, SdoError, for_all
-from drake_hand.epos.state import Control, State, decode_state, status_words
+from drake_hand.epos.state import Control, DriveState, decode_state, status_words
 from drake_hand.errors import DriveError
 
 _TRIES = 3
@@ -57,7 +57,7 @@ def _one(master: Master, drive: Drive) -> Off:
                 master.write(drive.node, od.CONTROLWORD, word)
             master.write(drive.node, od.CONSUMER_HEARTBEAT, 0)
             status = master.read(drive.node, od.STATUSWORD)
-            if decode_state(status, drive.type) is State.SWITCH_ON_DISABLED:
+            if decode_state(status, drive.type) is DriveState.SWITCH_ON_DISABLED:
                 return Off(drive=drive, before=before)
     except SdoError as e:
         return Off(drive=drive, before=before, problem=f"{drive.joint}: {e}")

@@ -24,7 +24,7 @@ from drake_hand.epos.position import PositionBackend
 from drake_hand.epos.pvt import PvtBackend
 from drake_hand.epos.record import Fault
 from drake_hand.epos.schedule import CLOCK_TOLERANCE, Schedule
-from drake_hand.epos.state import Control, State
+from drake_hand.epos.state import Control, DriveState
 from drake_hand.epos.stops import MISSED_AT_MOST, Watch
 
 BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
@@ -33,9 +33,9 @@ BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
     "epos1": PositionBackend,
 }
 LADDER = (
-    (Control.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    (Control.SWITCH_ON, State.SWITCHED_ON),
-    (Control.ENABLE, State.OPERATION_ENABLED),
+    (Control.SHUTDOWN, DriveState.READY_TO_SWITCH_ON),
+    (Control.SWITCH_ON, DriveState.SWITCHED_ON),
+    (Control.ENABLE, DriveState.OPERATION_ENABLED),
 )
 """Control word and the state all drives have to reach before the next."""
 LISTEN_SYNCS = 5
@@ -99,7 +99,7 @@ class Player:
         self._stretch = (0, schedule.last)
         self._backends: list[Backend] = [BACKENDS[d.type](schedule, i) for i, d in enumerate(schedule.drives.drives)]
         self._send, self._tell = send, tell
-        self._streams = any(d.type != "epos2" for d in schedule.drives.drives)
+        self._streams = any(not d.has_queue for d in schedule.drives.drives)
         self._course: Iterator[None] = self._play()
         self._requests: deque[tuple[str, str]] = deque()
         self._stopping = self._cutting = False
@@ -225,7 +225,7 @@ class Player:
         self.watch.demand = None
         # That an EPOS2 leaves its interpolated motion on the halt bit, on the profile's ramp, is inferred.
         halt = Control.ENABLE | Control.HALT
-        queues = [i for i, a in enumerate(self.axes) if a.drive.type == "epos2"]
+        queues = [i for i, a in enumerate(self.axes) if a.drive.has_queue]
         self._command_at_once(halt, queues)
         for i in set(range(len(self.axes))) - set(queues):
             self._command(i, Control.ENABLE)
@@ -273,7 +273,7 @@ class Player:
             if abs(axis.position - counts) > axis.drive.following_error_counts // 2:
                 raise _Stop("start", f"moved by {axis.position - counts} counts before it was enabled", axis)
 
-    def _bring(self, word: int, state: State) -> Iterator[None]:
+    def _bring(self, word: int, state: DriveState) -> Iterator[None]:
         """All drives together to a state: the next word goes out when the last has arrived."""
         for _ in self._syncs(ENABLE_S):
             late = [i for i, a in enumerate(self.axes) if a.state is not state]
@@ -336,7 +336,7 @@ class Player:
                         raise _Stop("skew", "does not play", axis)
             return
         for axis, backend in zip(self.axes, self._backends, strict=True):
-            if axis.drive.type == "epos2" and backend.playing(axis):
+            if axis.drive.has_queue and backend.playing(axis):
                 self._first_playing.setdefault(axis.drive.node, self.step)
         if self._first_playing:
             steps = self._first_playing.values()
@@ -372,7 +372,7 @@ class Player:
         self.stage = "settling"
         for _ in self._syncs(SETTLE_S):
             yield
-            busy = [a for a in self.axes if a.still < _STILL or (a.drive.type == "epos2" and a.active)]
+            busy = [a for a in self.axes if a.still < _STILL or (a.drive.has_queue and a.active)]
             if not busy:
                 return
         raise _Stop("stuck", "does not come to rest", busy[0])
@@ -383,10 +383,10 @@ class Player:
         for _ in self._syncs(STOP_S):
             yield
             busy = self._powered()
-            if all(self.axes[i].state is State.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
+            if all(self.axes[i].state is DriveState.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
                 break
             self._command_at_once(
-                Control.QUICK_STOP, [i for i in busy if self.axes[i].state is State.OPERATION_ENABLED]
+                Control.QUICK_STOP, [i for i in busy if self.axes[i].state is DriveState.OPERATION_ENABLED]
             )
         yield from self._disable()
 

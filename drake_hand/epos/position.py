@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.csp import CspBackend
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 
 
 class PositionBackend(CspBackend):
@@ -16,4 +16,4 @@ class PositionBackend(CspBackend):
 
     def playing(self, axis: AxisState) -> bool:
         """Enabled: the mode shows nothing else."""
-        return axis.state is State.OPERATION_ENABLED
+        return axis.state is DriveState.OPERATION_ENABLED

@@ -31,7 +31,9 @@ class Refused(DriveError):
         super().__init__("\n  ".join([f"refused, nothing was enabled: {count}", *problems]))
 
 
-def check(master: Master, plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE, known: Sequence[str] = ()) -> Schedule:
+def check_before_play(
+    master: Master, plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE, known: Sequence[str] = ()
+) -> Schedule:
     """Checks plan and bus; reads only.
 
     Args:

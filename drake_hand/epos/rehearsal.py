@@ -124,7 +124,7 @@ def bus_load(frames: list[Frame], drives: Drives) -> tuple[float, float]:
     return float(share.mean()), float(share.max())
 
 
-def explain(drives: Drives) -> Callable[[Frame], str]:
+def frame_words(drives: Drives) -> Callable[[Frame], str]:
     """What a frame of the master says, in words."""
     names: dict[int, Callable[[bytes], str]] = {
         pdo.SYNC_COB: lambda _: "SYNC",
@@ -158,7 +158,7 @@ def _explain_record(joint: str, data: bytes) -> str:
 
 def lines(rehearsal: Rehearsal) -> Iterator[str]:
     """The master's frames, a line each: time in ms (none while configuring), COB-ID, data, meaning."""
-    words = explain(rehearsal.schedule.drives)
+    words = frame_words(rehearsal.schedule.drives)
     synced = False
     for frame in rehearsal.frames:
         synced = synced or frame.cob == pdo.SYNC_COB

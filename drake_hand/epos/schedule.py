@@ -126,7 +126,7 @@ class Schedule:
         for i, d in enumerate(self.drives.drives):
             speed = np.maximum(np.abs(self.rpm[1:, i]), way[:, i] * 60.0 / d.counts_per_turn)
             acceleration = np.abs(np.diff(self.rpm[:, i])) / self.period
-            if d.type == "epos2":
+            if d.has_queue:
                 acceleration = np.maximum(acceleration, np.repeat(self._record_acceleration(i), self.record_steps))
             for what, unit, values, limit in (
                 ("speed", "rpm", speed, d.max_speed_rpm),

@@ -7,7 +7,7 @@ from enum import Enum
 from drake_hand.epos.objects import DriveType
 
 
-class State(Enum):
+class DriveState(Enum):
     """States of a drive; the value is how a person reads it."""
 
     NOT_READY = "not ready"
@@ -23,12 +23,12 @@ class State(Enum):
     @property
     def powered(self) -> bool:
         """Whether the power stage drives the motor."""
-        return self in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION)
+        return self in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION)
 
     @property
     def faulty(self) -> bool:
         """Whether it is in fault or on the way there."""
-        return self in (State.FAULT, State.FAULT_REACTION)
+        return self in (DriveState.FAULT, DriveState.FAULT_REACTION)
 
 
 class Control:
@@ -55,43 +55,43 @@ HOMED = 1 << 15
 
 _EPOS_MASK = 0x417F
 EPOS_STATUS = {
-    State.NOT_READY: 0x0100,
-    State.SWITCH_ON_DISABLED: 0x0140,
-    State.READY_TO_SWITCH_ON: 0x0121,
-    State.SWITCHED_ON: 0x0123,
-    State.OPERATION_ENABLED: 0x0137,
-    State.QUICK_STOP_ACTIVE: 0x0117,
-    State.FAULT_REACTION: 0x010F,
-    State.FAULT: 0x0108,
+    DriveState.NOT_READY: 0x0100,
+    DriveState.SWITCH_ON_DISABLED: 0x0140,
+    DriveState.READY_TO_SWITCH_ON: 0x0121,
+    DriveState.SWITCHED_ON: 0x0123,
+    DriveState.OPERATION_ENABLED: 0x0137,
+    DriveState.QUICK_STOP_ACTIVE: 0x0117,
+    DriveState.FAULT_REACTION: 0x010F,
+    DriveState.FAULT: 0x0108,
 }
 """State bits of EPOS 24/1 and EPOS2; bit 8 is always set after boot."""
-_EPOS_DECODE = {v: k for k, v in EPOS_STATUS.items()} | {0x011F: State.FAULT_REACTION}
-_REFRESH = {0x4123: State.SWITCHED_ON, 0x4133: State.SWITCHED_ON}
+_EPOS_DECODE = {v: k for k, v in EPOS_STATUS.items()} | {0x011F: DriveState.FAULT_REACTION}
+_REFRESH = {0x4123: DriveState.SWITCHED_ON, 0x4133: DriveState.SWITCHED_ON}
 
 _CIA_MASK = 0x006F
 EPOS4_STATUS = {
-    State.NOT_READY: 0x0000,
-    State.SWITCH_ON_DISABLED: 0x0040,
-    State.READY_TO_SWITCH_ON: 0x0021,
-    State.SWITCHED_ON: 0x0023,
-    State.OPERATION_ENABLED: 0x0037,
-    State.QUICK_STOP_ACTIVE: 0x0017,
-    State.FAULT_REACTION: 0x001F,
-    State.FAULT: 0x0008,
+    DriveState.NOT_READY: 0x0000,
+    DriveState.SWITCH_ON_DISABLED: 0x0040,
+    DriveState.READY_TO_SWITCH_ON: 0x0021,
+    DriveState.SWITCHED_ON: 0x0023,
+    DriveState.OPERATION_ENABLED: 0x0037,
+    DriveState.QUICK_STOP_ACTIVE: 0x0017,
+    DriveState.FAULT_REACTION: 0x001F,
+    DriveState.FAULT: 0x0008,
 }
 """State bits of the EPOS4: plain CiA 402, bit 4 (voltage) with the power stage on."""
-_CIA_DECODE = {v & _CIA_MASK: k for k, v in EPOS4_STATUS.items()} | {0x0060: State.SWITCH_ON_DISABLED}
+_CIA_DECODE = {v & _CIA_MASK: k for k, v in EPOS4_STATUS.items()} | {0x0060: DriveState.SWITCH_ON_DISABLED}
 
 
-def decode_state(statusword: int, drive_type: DriveType) -> State:
+def decode_state(statusword: int, drive_type: DriveType) -> DriveState:
     """The state a status word (0x6041) stands for; `State.UNKNOWN` for a word the type never shows."""
     if drive_type == "epos4":
-        return _CIA_DECODE.get(statusword & _CIA_MASK, State.UNKNOWN)
+        return _CIA_DECODE.get(statusword & _CIA_MASK, DriveState.UNKNOWN)
     word = statusword & _EPOS_MASK
-    return _EPOS_DECODE.get(word) or _REFRESH.get(word, State.UNKNOWN)
+    return _EPOS_DECODE.get(word) or _REFRESH.get(word, DriveState.UNKNOWN)
 
 
-def status_bits(state: State, drive_type: DriveType) -> int:
+def status_bits(state: DriveState, drive_type: DriveType) -> int:
     """The status word of a state, without mode-specific bits: the inverse of :func:`decode_state`."""
     return (EPOS4_STATUS if drive_type == "epos4" else EPOS_STATUS)[state]
 

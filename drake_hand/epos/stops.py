@@ -10,7 +10,7 @@ from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, Emcy, is_emcy, is_hear
 from drake_hand.epos.objects import emcy_words, ip_status_words
 from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE
 from drake_hand.epos.record import Fault
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 
 MISSED_AT_MOST = 3
 """So many SYNCs in a row without an answer stop the group."""
@@ -79,7 +79,7 @@ class Watch:
     def _check_state(self, axis: AxisState, now: float) -> Iterator[Fault]:
         if axis.state.faulty:
             yield self.fault("fault", axis.state.value, now, axis)
-        elif self.enabled and axis.state is not State.OPERATION_ENABLED:
+        elif self.enabled and axis.state is not DriveState.OPERATION_ENABLED:
             yield self.fault("fault", f"left operation enabled: {axis.state.value}", now, axis)
 
     def _check_following(self, axis: AxisState, now: float) -> Iterator[Fault]:

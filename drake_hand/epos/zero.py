@@ -20,7 +20,7 @@ from drake_hand.epos.drives import Drive, Drives
 from drake_hand.epos.master import Master, SdoError
 from drake_hand.epos.off import switch_off
 from drake_hand.epos.preflight import Refused
-from drake_hand.epos.state import BIT12, FOLLOWING, HOMED, Control, State, decode_state, status_words
+from drake_hand.epos.state import BIT12, FOLLOWING, HOMED, Control, DriveState, decode_state, status_words
 from drake_hand.errors import DriveError
 
 OFF_STOP_DEG = 3.0
@@ -174,6 +174,6 @@ def _check(master: Master, drive: Drive, status: int) -> None:
     """Whatever is wrong anywhere ends it."""
     state = decode_state(status, drive.type)
     said = [f"node {e.node}: EMCY {od.emcy_words(e.code)}" for e in master.emergencies if e.code]
-    if said or state is not State.OPERATION_ENABLED or status & FOLLOWING:
+    if said or state is not DriveState.OPERATION_ENABLED or status & FOLLOWING:
         words = [f"{drive.joint} (node {drive.node}): {status_words(status, drive.type)}", *said]
         raise DriveError("; ".join(words))

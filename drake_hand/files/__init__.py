@@ -14,7 +14,7 @@ import msgspec
 from drake_hand.errors import InputError, MissingFile, nearest
 from drake_hand.files import yaml_text
 from drake_hand.files.explain import explain
-from drake_hand.files.kinds import refuse_other, refuse_xml
+from drake_hand.files.kinds import refuse_other, refuse_record, refuse_xml
 
 T = TypeVar("T")
 
@@ -80,10 +80,12 @@ def read_text(path: Path) -> str:
 
     Raises:
         MissingFile: there is none.
-        InputError: unreadable or not UTF-8.
+        InputError: unreadable, not UTF-8, or the record of a run.
     """
+    data = read_bytes(path)
+    refuse_record(data, path)
     try:
-        return read_bytes(path).decode("utf-8")
+        return data.decode("utf-8")
     except UnicodeDecodeError as e:
         raise InputError("cannot read file", file=path, found=str(e), expected="a UTF-8 text file") from e
 
@@ -97,6 +99,8 @@ def load(path: Path, type_: type[T]) -> T:
     """
     text = read_text(path)
     refuse_xml(text, path)
+    if not text.strip():
+        raise InputError("file is empty", file=path, expected="YAML or JSON")
     if path.suffix == ".json":
         try:
             return convert(msgspec.json.decode(text), type_, file=path)

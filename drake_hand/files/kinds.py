@@ -14,6 +14,7 @@ _KINDS = {
     "a plan": ({"parts", "urdf_sha256"}, "watch it with: drake-hand show {}"),
     "a hand file": ({"urdf", "palm"}, "examine it with: drake-hand hand check {}"),
     "a drives file": ({"joints", "bus"}, "see who is on the bus with: drake-hand drives scan --drives {}"),
+    "a sweep file": ({"tasks"}, "run it with: drake-hand sweep {}"),
     "a faults file": ({"faults"}, "it goes with: drake-hand drives simulate --faults {}"),
 }
 """Keys that only this kind has all of, and what to do with it."""
@@ -34,6 +35,17 @@ def refuse_other(raw: Any, type_: Any, file: Path | str | None) -> None:
             raise InputError(f"this is {kind}; {advice.format(file)}", file=file, found=kind, expected=wanted)
 
 
+def refuse_record(data: bytes, file: Path) -> None:
+    """Refuses a record of a run where YAML or JSON is wanted.
+
+    Raises:
+        InputError: it is one.
+    """
+    if file.suffix == ".npz" and data.startswith(b"PK"):
+        advice = f"draw it with: drake-hand plot {file} -o figures"
+        raise InputError(f"this is the record of a run; {advice}", file=file, found="arrays", expected="YAML or JSON")
+
+
 def refuse_xml(text: str, file: Path) -> None:
     """Refuses a model where YAML or JSON is wanted.
 
@@ -41,5 +53,5 @@ def refuse_xml(text: str, file: Path) -> None:
         InputError: it is XML.
     """
     if text.lstrip("\ufeff \r\n\t").startswith("<"):
-        advice = f"its hand file is drafted with: drake-hand hand init {file}"
+        advice = f"if it is a hand's, draft its hand file with: drake-hand hand init {file}"
         raise InputError(f"this is a model (XML); {advice}", file=file, found="XML", expected="YAML or JSON")

@@ -17,7 +17,7 @@ from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.hand import Hand
 from drake_hand.model.hand_file import SUFFIX
 from drake_hand.model.plant import SHANK
-from drake_hand.model.propose import Proposal, propose
+from drake_hand.model.propose import Proposal, propose_hand
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Joint, Urdf
 
@@ -50,7 +50,7 @@ class HandReport:
 
 
 def load_hand(ref: str | Path) -> tuple[Hand, list[str]]:
-    """A hand, and what was guessed: nothing of a bundled name or a hand file, what `propose` says of a URDF.
+    """A hand, and what was guessed: nothing of a bundled name or a hand file, what `propose_hand` says of a URDF.
 
     Raises:
         InputError: it cannot be read.
@@ -58,12 +58,12 @@ def load_hand(ref: str | Path) -> tuple[Hand, list[str]]:
     if not str(ref).endswith(".urdf"):
         return Hand.load(ref), []
     urdf = Urdf.load(resolve(ref, "hands", ".urdf"))
-    proposal = propose(urdf)
+    proposal = propose_hand(urdf)
     return Hand.build(proposal.spec, urdf, urdf.file), list(proposal.remarks)
 
 
 def check_hand(ref: str | Path) -> HandReport:
-    """Examines a hand: a bundled name, a hand file, or a URDF with the fingers `propose` finds in it.
+    """Examines a hand: a bundled name, a hand file, or a URDF with the fingers `propose_hand` finds in it.
 
     Raises:
         InputError: it cannot be read at all.
@@ -135,7 +135,7 @@ def write_proposal(file: Path, output: Path) -> Proposal:
         raise InputError("will not overwrite", file=output, key="--output", found="a file", expected="a new file")
     require_folder(output)
     urdf = Urdf.load(file.resolve())
-    proposal = propose(urdf)
+    proposal = propose_hand(urdf)
     flaws = overlaps(Scene(Hand.build(proposal.spec, urdf, output)))
     remarks = [f"ignore_collisions: {a} and {b} overlap by {d * 1e3:.1f} mm at home" for a, b, d in flaws]
     spec = msgspec.structs.replace(

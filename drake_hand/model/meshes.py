@@ -81,6 +81,9 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
         raise InputError("cannot read mesh", file=file, found=found, expected="a mesh file") from e
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
         raise InputError("mesh has no shape", file=file, found=f"{len(mesh.faces)} faces", expected="finite triangles")
+    if mesh.vertices.shape[1] != 3:
+        found = f"{mesh.vertices.shape[1]} coordinates per vertex"
+        raise InputError("mesh has no shape", file=file, found=found, expected="3 coordinates per vertex")
     return mesh
 
 

@@ -57,7 +57,7 @@ class Proposal:
         return f"# Proposed from {self.spec.urdf}. Look at:\n{comments}{body}"
 
 
-def propose(urdf: Urdf) -> Proposal:
+def propose_hand(urdf: Urdf) -> Proposal:
     """Proposes a hand file.
 
     The palm is the last link that all fingers hang on; every chain of moving joints from there is a finger, named by

@@ -15,6 +15,7 @@ import numpy as np
 from drake_hand.errors import InputError
 from drake_hand.files import sha256, write_atomic
 from drake_hand.model.meshes import cache_dir, read_mesh
+from drake_hand.model.pieces import WRAP, cut
 
 if TYPE_CHECKING:
     import trimesh
@@ -37,8 +38,6 @@ _INPUT = 600
 """Faces of a concave body above which it is simplified before it is cut."""
 _CONCAVITIES = (0.05, 0.03, 0.02)
 """CoACD's threshold, until the error is small enough."""
-_WRAP = 30
-"""Cells along an open body in the grid in which it is wrapped."""
 _VERSION = "3"
 """Of how meshes are decomposed, for the cache."""
 
@@ -66,7 +65,8 @@ def read_solid(file: Path, scale: tuple[float, float, float]) -> Solid:
             n = int(data["n"])
             pieces = tuple((data[f"v{i}"], data[f"f{i}"]) for i in range(n))
             return Solid(pieces=pieces, notes=tuple(str(note) for note in data["notes"]))
-    solid = _cut(read_mesh(file).apply_scale(scale), file)
+    with np.errstate(all="ignore"):  # trimesh divides by volumes that may be none
+        solid = _cut(read_mesh(file).apply_scale(scale), file)
     if solid.notes:
         _keep(solid, kept)
     return solid
@@ -89,10 +89,10 @@ def _cut(mesh: trimesh.Trimesh, file: Path) -> Solid:
     hulls: list[trimesh.Trimesh] = []
     error = 0.0
     for body in bodies:
-        found, cut = _convex(body, file, size)
+        found, cut_off = _convex(body, file, size)
         fewer = [_simple(h, size) for h in found]
         hulls += [h for h, _ in fewer]
-        error = max(error, cut + max(lost for _, lost in fewer))
+        error = max(error, cut_off + max(lost for _, lost in fewer))
     if error > 0:
         volume, whole = sum(h.volume for h in hulls), sum(b.volume for b in bodies)
         what = (
@@ -115,9 +115,9 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
     """The separate bodies of a mesh, closed and with their faces outward where that can be done."""
     import trimesh
 
-    bodies, turned, closed = [], 0, True
-    for body in _bodies(mesh):
-        closed &= body.is_watertight
+    bodies, turned = [], 0
+    closed = bool((np.bincount(mesh.edges_unique_inverse) > 1).all())
+    for body in _split(mesh):
         trimesh.repair.fill_holes(body)
         if body.is_watertight and body.volume < 0:
             body.invert()
@@ -136,27 +136,20 @@ def _sound(mesh: trimesh.Trimesh, notes: list[str]) -> list[trimesh.Trimesh]:
     return bodies
 
 
-def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """The bodies of a mesh: what hangs together by edges of two faces; of the rest, what closes a surface together.
+def _split(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """The separate bodies of a mesh, also of one in which more than two faces meet at an edge: where bodies touch.
 
-    Bodies that touch one another along edges come apart at these: a mug's floor in its wall, say.
+    What is open once the closed bodies are taken out is put together again.
     """
     import trimesh
 
-    parts = list(mesh.split(only_watertight=False))
-    bodies = [part for part in parts if part.is_watertight]
-    left = [part for part in parts if not part.is_watertight]
-    while left:
-        together = [left.pop()]
-        vertices = {tuple(v) for v in together[0].vertices}
-        while touching := [part for part in left if not vertices.isdisjoint(map(tuple, part.vertices))]:
-            together += touching
-            left = [part for part in left if not any(part is other for other in touching)]
-            vertices.update(tuple(v) for part in touching for v in part.vertices)
-        whole: Any = trimesh.util.concatenate(together)
-        whole.merge_vertices()
-        bodies += [whole] if whole.is_watertight else together
-    return bodies
+    bodies: list[trimesh.Trimesh] = list(mesh.split(only_watertight=False))
+    left = [body for body in bodies if not body.is_watertight]
+    if not 1 < len(left) < len(bodies):
+        return bodies
+    rest: Any = trimesh.util.concatenate(left)
+    rest.merge_vertices()
+    return [body for body in bodies if body.is_watertight] + list(rest.split(only_watertight=False))
 
 
 def _convex(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimesh.Trimesh], float]:
@@ -179,30 +172,24 @@ def _convex(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimes
             found=f"{len(body.faces)} faces with holes too large to be filled; their hull is {off * 1e3:.2f} mm off",
             expected="a surface that encloses the solid",
         )
-    return _decompose(body, size)
+    return _decompose(body, file, size)
 
 
-def _decompose(body: trimesh.Trimesh, size: float) -> tuple[list[trimesh.Trimesh], float]:
-    """Convex pieces of a concave body and their error, as fine as it takes (CoACD; Wei et al. 2022)."""
-    import coacd
+def _decompose(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimesh.Trimesh], float]:
+    """Convex pieces of a concave body and their error, as fine as it takes."""
     import trimesh
 
-    coacd.set_log_level("error")
     coarse = _fewer(body.vertices, body.faces, _INPUT) if len(body.faces) > _INPUT else body
     best: tuple[float, list[trimesh.Trimesh]] | None = None
     for concavity in _CONCAVITIES:
-        found = coacd.run_coacd(
-            coacd.Mesh(np.asarray(coarse.vertices), np.asarray(coarse.faces)),
-            threshold=concavity,
-            preprocess_mode="off" if coarse.is_watertight else "on",
-            preprocess_resolution=_WRAP,
-            resolution=1000,
-            mcts_nodes=10,
-            mcts_iterations=40,
-            mcts_max_depth=2,
-            seed=0,
+        found = cut(
+            np.asarray(coarse.vertices),
+            np.asarray(coarse.faces),
+            closed=coarse.is_watertight,
+            concavity=concavity,
+            file=file,
         )
-        hulls = [trimesh.convex.convex_hull(np.asarray(vertices)) for vertices, _ in found]
+        hulls = [trimesh.convex.convex_hull(vertices) for vertices, _ in found]
         error = _error(body, hulls)
         if best is None or error < best[0]:
             best = error, hulls
@@ -216,7 +203,7 @@ def _encloses(body: trimesh.Trimesh) -> bool:
     """Whether an open body has an inside: grid cells that its surface shuts off; the grid closes small holes."""
     from scipy.ndimage import binary_fill_holes
 
-    surface = np.pad(body.voxelized(float(body.extents.max()) / _WRAP).matrix, 1)
+    surface = np.pad(body.voxelized(float(body.extents.max()) / WRAP).matrix, 1)
     return bool(binary_fill_holes(surface).sum() > surface.sum())
 
 

@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH
-from drake_hand.plans.trajectory import poses, quaternions
+from drake_hand.plans.trajectory import poses_with_rates, quaternions
 
 INERTIA_SHARE = 0.005
 """Largest force along one axis that moving the object may take in plans with contact forces, in weights (torque: in
@@ -88,7 +88,7 @@ class Curve:
         """(6) linear and angular momentum of the object per unit of ds/dt."""
         s = np.linspace(0.0, 1.0, max(_GRID, 4 * len(self._s)))
         x, dx, ddx = (self._spline(s, order)[:, self.nq : self.nq + 7] for order in range(3))
-        X, V, _ = poses(x, dx, ddx)
+        X, V, _ = poses_with_rates(x, dx, ddx)
         R, w = X[:, :3, :3], V[:, :3]
         force = self.limits.mass * (V[:, 3:] + np.cross(w, R @ self.limits.p_OCom))
         angular = np.einsum("kij,jl,kml,km->ki", R, self.limits.I_OCom, R, w)

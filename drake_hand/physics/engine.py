@@ -16,7 +16,7 @@ EngineName = Literal["drake", "mujoco"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Push:
+class PushForce:
     """A force that comes once in a run, from any side, while the plan is played. A short one is a tap."""
 
     push_n: float = 2.0
@@ -56,7 +56,7 @@ class Perturbation:
         shift, turn = _direction(rng, 1.0), _direction(rng, 2.0)
         return cls(friction=friction, mass=mass, stiffness=stiffness, shift_mm=shift, turn_deg=turn)
 
-    def pushed(self, push: Push, window: tuple[float, float], rng: np.random.Generator) -> Perturbation:
+    def pushed(self, push: PushForce, window: tuple[float, float], rng: np.random.Generator) -> Perturbation:
         """The same with a push from a random direction, in the middle third of a time window, s."""
         begin = window[0] + float(rng.uniform(1 / 3, 2 / 3)) * (window[1] - window[0])
         return replace(self, push_n=_direction(rng, push.push_n), push_s=(begin, begin + push.push_ms * 1e-3))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.files import write_atomic
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build, controls, put
+from drake_hand.physics.mujoco_model import OBJECT, STEP, build_model, controls, put
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.replay import commands
 from drake_hand.plans.holds import hold_windows
@@ -49,7 +49,7 @@ def export_mujoco(plan: Plan) -> MujocoExport:
     """
     hand = Hand.load(plan.task.hand)
     object_ = Object.load(plan.task.object).with_mass(plan.object_mass_kg)
-    spec = build(
+    spec = build_model(
         hand,
         object_,
         gravity=np.array(plan.task.physics.gravity),

@@ -34,7 +34,7 @@ _COUPLED = {"solref": [2 * STEP, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]
 """Couplings of joints."""
 
 
-def build(
+def build_model(
     hand: Hand, object_: Object, *, gravity: np.ndarray, friction: float, pad_stiffness: np.ndarray, relaxation: float
 ) -> mujoco.MjSpec:
     """The model, ready to compile.

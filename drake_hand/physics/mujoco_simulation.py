@@ -1,4 +1,4 @@
-"""`MujocoPhysics`: the hand with servos and soft fingertips and the free object, in MuJoCo: a second opinion."""
+"""`MujocoSimulation`: the hand with servos and soft fingertips and the free object, in MuJoCo: a second opinion."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import Perturbation, Touch
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build, controls, put, tip_shapes
+from drake_hand.physics.mujoco_model import OBJECT, STEP, build_model, controls, put, tip_shapes
 
 _HELD = 1.0e6
 """Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
 
 
-class MujocoPhysics:
-    """One simulation, as :class:`drake_hand.physics.simulation.Physics` is one in Drake.
+class MujocoSimulation:
+    """One simulation, as :class:`drake_hand.physics.simulation.DrakeSimulation` is one in Drake.
 
     A fingertip touches in a point, its pad a spring and damper in parallel.
     """
@@ -47,7 +47,7 @@ class MujocoPhysics:
         """
         change = perturbation or Perturbation()
         self.hand = hand
-        spec = build(
+        spec = build_model(
             hand,
             object_.with_mass(object_.mass * change.mass),
             gravity=gravity,

@@ -15,8 +15,8 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import Engine, EngineName, Perturbation
 from drake_hand.physics.pads import pad_stiffness
-from drake_hand.physics.run import Record, Run, judge
-from drake_hand.physics.simulation import ContactKind, Physics
+from drake_hand.physics.run import Record, SimulatedRun, judge
+from drake_hand.physics.simulation import ContactKind, DrakeSimulation
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
@@ -39,7 +39,7 @@ def replay(
     feedback: PoseSensor | None = None,
     sensor_seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Run, Record]:
+) -> tuple[SimulatedRun, Record]:
     """One run of a plan, certified or not.
 
     Args:
@@ -123,7 +123,7 @@ def _engine(
     X_WO, gravity = trajectory.at(0.0).X_WO[0], np.array(plan.task.physics.gravity)
     friction, told = plan.task.physics.friction, commands(trajectory)
     if engine == "drake":
-        return Physics(
+        return DrakeSimulation(
             hand,
             object_,
             told,
@@ -134,11 +134,11 @@ def _engine(
             contact=contact,
         )
     try:
-        from drake_hand.physics.mujoco_simulation import MujocoPhysics
+        from drake_hand.physics.mujoco_simulation import MujocoSimulation
     except ImportError as e:
         expected = "pip install 'drake_hand[mujoco]'"
         raise InputError("MuJoCo is not installed", key="--engine", found=engine, expected=expected) from e
-    return MujocoPhysics(
+    return MujocoSimulation(
         hand,
         object_,
         told,

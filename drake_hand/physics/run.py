@@ -1,4 +1,4 @@
-"""`Record` of a simulated run, and `Run`: its comparison with the plan."""
+"""`Record` of a simulated run, and `SimulatedRun`: its comparison with the plan."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Errors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class SimulatedRun:
     """One run, from the moment the fixture lets go. Errors are those at the end, or where the object was dropped."""
 
     perturbation: Perturbation
@@ -91,7 +91,7 @@ def judge(
     free: float,
     dropped: bool,
     correction: CorrectionReport | None = None,
-) -> Run:
+) -> SimulatedRun:
     """Compares a record with its plan from time `free` on."""
     k = record.t >= free - 1e-9
     t, step = record.t[k], float(record.t[1] - record.t[0])
@@ -111,7 +111,7 @@ def judge(
     def reported(values: np.ndarray, digits: int) -> list[float]:
         return [round(float(x), digits) for x in values[thin]]
 
-    return Run(
+    return SimulatedRun(
         perturbation=perturbation,
         success=bool(
             not dropped

@@ -20,10 +20,10 @@ from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.engine import EngineName, Perturbation, Push
+from drake_hand.physics.engine import EngineName, Perturbation, PushForce
 from drake_hand.physics.replay import replay as one_run
 from drake_hand.physics.room import Room, rooms
-from drake_hand.physics.run import Record, Run
+from drake_hand.physics.run import Record, SimulatedRun
 from drake_hand.physics.simulation import ContactKind
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
@@ -43,7 +43,7 @@ class Replay:
     friction: float
     object_mass_kg: float
     perturbed: bool
-    push: Push | None
+    push: PushForce | None
     """What pushed the object in every run, if anything did."""
     success_rate: float
     dropped: int
@@ -51,7 +51,7 @@ class Replay:
     """Median over runs."""
     rooms: list[Room]
     """By part of the plan: how far the object may be off before a finger lets go."""
-    runs: list[Run]
+    runs: list[SimulatedRun]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +80,9 @@ def simulate(
     engine: EngineName = "drake",
     contact: ContactKind = "hydroelastic",
     feedback: PoseSensor | None = None,
-    push: Push | None = None,
+    push: PushForce | None = None,
     jobs: int | None = None,
-    watch: Callable[[Run, Record], None] | None = None,
+    watch: Callable[[SimulatedRun, Record], None] | None = None,
     progress: Callable[[ReplayProgress], None] | None = None,
 ) -> Replay:
     """Plays a certified plan into physics as often as asked.
@@ -126,7 +126,7 @@ def simulate(
     kind: ContactKind = contact if engine == "drake" else "point"
     run = partial(one_run, plan, engine=engine, contact=kind, feedback=feedback)
     tell = progress or (lambda _: None)
-    done: dict[int, Run] = {}
+    done: dict[int, SimulatedRun] = {}
 
     def answer() -> Replay:
         results = [done[i] for i in sorted(done)]
@@ -184,14 +184,14 @@ def cores() -> int:
 
 def _in_processes(
     run: partial, changes: list[Perturbation], seed: int, workers: int
-) -> Iterator[tuple[int, Run | None, float]]:
+) -> Iterator[tuple[int, SimulatedRun | None, float]]:
     """Runs as they finish: number, run and how many runs' worth of work is done; (0, None, work) in between."""
     context = multiprocessing.get_context("spawn")
     shares = context.Array("d", len(changes), lock=False)
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(shares,))
     try:
-        futures: dict[Future[Run], int] = {}
+        futures: dict[Future[SimulatedRun], int] = {}
         with _deaf_children():
             for i, change in enumerate(changes):
                 futures[pool.submit(_one, run, change, seed, i)] = i
@@ -254,7 +254,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _one(run: partial, change: Perturbation, seed: int, i: int) -> Run:
+def _one(run: partial, change: Perturbation, seed: int, i: int) -> SimulatedRun:
     def tell(x: float) -> None:
         _shares[i] = x
 

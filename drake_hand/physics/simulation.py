@@ -1,4 +1,4 @@
-"""`Physics`: the hand with servos and compliant fingertips and the free object, as a discrete Drake simulation."""
+"""`DrakeSimulation`: the hand with servos and compliant fingertips and the free object, in discrete time."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _HARD = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
 
 
-class Physics:
+class DrakeSimulation:
     """One simulation: SAP contact, joint servos as in the hand file, the object free once :meth:`let_go` is called.
 
     The object is held otherwise by locking its floating joint, the only fixture there is.

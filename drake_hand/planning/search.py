@@ -35,6 +35,8 @@ CELL = 0.012
 """States whose contacts are as near as this share a niche, m."""
 CROWD, SPARED = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
+EASED = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
+"""How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
 SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
 RETREAT = 0.2
@@ -252,16 +254,21 @@ class Search:
     def _what_would_help(self, x: State, kept: list[int]) -> str:
         """What would let any of the fingers be lifted that cannot be, in words."""
         load, helps = self.moves.load, []
-        eased = {
-            "twice the friction": load._replace(friction=2 * load.friction),
-            "twice the joints' efforts": load._replace(effort=2 * load.effort),
-            "half the object's weight": load._replace(force_W=load.force_W / 2, preload=load.preload / 2),
-        }
-        for words, other in {} if load.kinematic else eased.items():
-            lighter = replace(x)
-            replace(self.moves, load=other).evaluate([lighter], x.room[None])
-            if (lighter.margins[kept] >= 0).any():
-                helps.append(words)
+        for times, more, less in () if load.kinematic else EASED:
+            eased = {
+                f"{more} the friction": load._replace(friction=times * load.friction),
+                f"{more} the joints' efforts": load._replace(effort=times * load.effort),
+                f"{less} the object's weight": load._replace(
+                    force_W=load.force_W / times, preload=load.preload / times
+                ),
+            }
+            for words, other in eased.items():
+                lighter = replace(x)
+                replace(self.moves, load=other).evaluate([lighter], x.room[None])
+                if (lighter.margins[kept] >= 0).any():
+                    helps.append(words)
+            if helps:
+                break
         return f"; with {' or '.join(helps)} it could be" if helps else ""
 
     def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:

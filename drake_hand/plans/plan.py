@@ -236,7 +236,9 @@ class Plan(_Strict, frozen=True, kw_only=True):
                 yield f"contacts.{name}.f_W", contact.f_W, 3
 
 
-def _no_plan(path: Path) -> MissingFile:
+def _no_plan(path: Path) -> InputError:
+    if path.is_dir():
+        return InputError("this is a folder", file=path, found="a folder", expected="a plan file")
     near = path.with_name(f"{path.name}{SUFFIX}")
     if near.is_file():
         expected = f"did you mean {near}?"

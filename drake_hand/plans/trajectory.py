@@ -92,7 +92,7 @@ class Trajectory:
         ddx = (2 * c2 + u * 6 * c3) * scale**2
         linear = self._linear0[s] + u * (self._linear1[s] - self._linear0[s])
         nq, n = self._nq, self._shape[0] * 3
-        X_WO, V_WO, A_WO = poses(x[:, nq:], dx[:, nq:], ddx[:, nq:])
+        X_WO, V_WO, A_WO = poses_with_rates(x[:, nq:], dx[:, nq:], ddx[:, nq:])
         return States(
             t=t,
             part=self._part[s],
@@ -127,7 +127,7 @@ def _linear(part: Part, fingers: list[str], nq: int) -> np.ndarray:
     return np.hstack([offset, points.reshape(n, -1), forces.reshape(n, -1)])
 
 
-def poses(x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def poses_with_rates(x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses (k, 4, 4), velocities and accelerations (k, 6) from (k, 7) quaternions of any length and positions.
 
     For q = n u with unit u: w = 2 vec(dq q*) / n^2 and dw = 2 vec(ddq q*) / n^2 - 2 (q . dq) / n^2 w.

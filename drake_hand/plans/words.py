@@ -121,7 +121,7 @@ def plan_verdict(plan: Plan, hand: Hand | None = None) -> str:
     if plan.certificate is None:
         return "not checked yet"
     if plan.certificate.certified and not plan.certified:
-        return "NOT certified: changed after it was certified"
+        return "NOT certified: edited since it was certified"
     return verdict(plan.certificate, hand, kinematic=plan.task.options.hold == "kinematic")
 
 

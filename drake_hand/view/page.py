@@ -88,6 +88,8 @@ def add_panel(
     """
     if facts is None:
         facts = certificate_facts(plan.certificate) if plan.certificate else []
+        if plan.certificate and not (plan.certificate.intact and plan.certificate.plan_hash == plan.hash):
+            facts = [(words, "", "", ok) for words, _, _, ok in facts]  # of a plan that this one no longer is
     good = "no" if not plan.certified else "yes" if plan.task.options.hold == "equilibrium" else "half"
     word, good, sentence = verdict or (badge(plan), good, plan_verdict(plan, course.hand))
     data = {

@@ -7,7 +7,7 @@ import numpy as np
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Record, Run
+from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Record, SimulatedRun
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.words import figure, per_cent
 from drake_hand.view.course import Course
@@ -15,7 +15,7 @@ from drake_hand.view.page import Fact, Page, Strip, add_panel, strip
 from drake_hand.view.stage import Stage, frame_times
 
 
-def render_replay(plan: Plan, run: Run, record: Record) -> Page:
+def render_replay(plan: Plan, run: SimulatedRun, record: Record) -> Page:
     """Shows one run of a plan: hand and object as they moved, contact forces, the planned object faint.
 
     Args:
@@ -49,7 +49,7 @@ def render_replay(plan: Plan, run: Run, record: Record) -> Page:
     )
 
 
-def _error_strips(run: Run, t: np.ndarray) -> list[Strip]:
+def _error_strips(run: SimulatedRun, t: np.ndarray) -> list[Strip]:
     """Errors over time, with the limits of a success; none while the fixture holds."""
     known = (t >= run.free_s) & (t <= run.end_s)
 
@@ -63,7 +63,7 @@ def _error_strips(run: Run, t: np.ndarray) -> list[Strip]:
     ]
 
 
-def _facts(run: Run) -> list[Fact]:
+def _facts(run: SimulatedRun) -> list[Fact]:
     def limited(name: str, value: float, limit: float, unit: str) -> Fact:
         return name, f"{figure(value)} {unit}", per_cent(1 - value / limit), value <= limit
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, Run
+from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, SimulatedRun
 from drake_hand.plans.plan import Plan
 from drake_hand.view.style import in_print, legend_below, mark_switches, panels
 
@@ -17,7 +17,7 @@ _STYLES = (("#0072b2", "-"), ("#d55e00", "--"))
 
 
 @in_print()
-def draw_replay_errors(plan: Plan, runs: Mapping[str, Run]) -> Figure:
+def draw_replay_errors(plan: Plan, runs: Mapping[str, SimulatedRun]) -> Figure:
     """Errors over time from where the fixture lets go, with what a success may be off at the end.
 
     Args:

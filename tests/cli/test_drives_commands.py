@@ -17,7 +17,7 @@ from drake_hand.cli import run
 from drake_hand.cli.drives_proof import prove
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.record import RunRecord
-from drake_hand.epos.sim.faults import Fault, FaultsFile
+from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
 from drake_hand.epos.sim.process import spawn_simulated_drives
 
 KANGUERA = Drives.load()
@@ -124,7 +124,7 @@ def test_a_record_that_cannot_be_written_is_refused_before_a_bus_is_opened(plan,
 
 
 def test_scan_status_refusal_and_reset_of_drives_of_which_one_is_in_fault(plan, capsys):
-    fault = FaultsFile(faults=[Fault(kind="emcy", joint="ring_pip", code=0x3220, since="boot", at_s=0.0)])
+    fault = FaultsFile(faults=[InjectedFault(kind="emcy", joint="ring_pip", code=0x3220, since="boot", at_s=0.0)])
 
     def answer(*tokens: str) -> tuple[int, dict]:
         status = run([*tokens, "--json"])
@@ -188,7 +188,7 @@ def test_off_gets_out_of_what_a_killed_execute_leaves(plan, capsys):
 
 
 def test_off_names_who_does_not_answer(capsys):
-    fault = FaultsFile(faults=[Fault(kind="lost", joint="ring_pip", since="boot", at_s=0.0)])
+    fault = FaultsFile(faults=[InjectedFault(kind="lost", joint="ring_pip", since="boot", at_s=0.0)])
     with spawn_simulated_drives(KANGUERA, faults=fault) as spawned:
         assert (
             run(["drives", "off", "--drives", "kanguera", "--interface", "udp_multicast", "--channel", spawned.channel])

@@ -10,7 +10,7 @@ import pytest
 import rich.progress
 
 from drake_hand import cli
-from drake_hand.cli import output
+from drake_hand.cli import app, output
 from drake_hand.errors import DrakeHandError, Evidence, InputError, NoPlanFound
 from drake_hand.planning.search import Progress
 
@@ -25,7 +25,7 @@ def probe(monkeypatch: pytest.MonkeyPatch):
             return action()
 
         monkeypatch.setitem(sys.modules, "cli_probe", SimpleNamespace(command=command))
-        monkeypatch.setitem(cli.COMMANDS, "probe", ("cli_probe:command", "for tests"))
+        monkeypatch.setitem(app.COMMANDS, "probe", ("cli_probe:command", "for tests"))
 
     return install
 
@@ -120,8 +120,8 @@ def test_unexpected_exception_is_named_and_its_traceback_is_to_be_had(probe, cap
     assert cli.run(["probe"]) == 1
     err = capsys.readouterr().err
     assert "ZeroDivisionError: oops" in err
-    assert cli.TRACEBACK in err
-    monkeypatch.setenv(cli.TRACEBACK, "1")
+    assert output.TRACEBACK in err
+    monkeypatch.setenv(output.TRACEBACK, "1")
     with pytest.raises(ZeroDivisionError):
         cli.run(["probe"])
 
@@ -164,7 +164,7 @@ def test_status_of_a_command_is_the_exit_status(probe):
 def test_help_lists_every_command_in_one_line_and_each_shows_an_example(capsys):
     assert cli.run(["--help"]) == 0
     listing = capsys.readouterr().out
-    for name in cli.COMMANDS:
+    for name in app.COMMANDS:
         assert f"│ {name} " in listing
     for name in ("plan", "check", "show", "plot"):
         assert cli.run([name, "--help"]) == 0
@@ -193,6 +193,9 @@ def test_completion_can_be_installed(tmp_path, monkeypatch, capsys):
     [
         (["plan", "s"], {"spin", "mine.task.yaml"}),
         (["check", ""], {"mine.plan.json", "sub/"}),
+        (["show", "mi"], {"spin", "mine.task.yaml", "mine.plan.json"}),
+        (["plot", ""], {"mine.plan.json", "today.run.npz"}),
+        (["sweep", ""], {"mine.sweep.yaml"}),
         (["check", "sub/"], {"sub/other.plan.json"}),
         (["execute", "mine.plan.json", "--drives", ""], {"kanguera", "mine.drives.yaml"}),
         (["hand", "check", ""], {"kanguera"}),
@@ -209,6 +212,7 @@ def test_completion_offers_bundled_names_and_files_of_the_kind(words, offered, t
         "mine.task.yaml",
         "mine.plan.json",
         "mine.drives.yaml",
+        "mine.sweep.yaml",
         "today.run.npz",
         "notes.txt",
         "my.urdf",

@@ -6,7 +6,7 @@ import pytest
 from drake_hand.cli.drives_twin import Twin
 from drake_hand.contact.press import press
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.mirror import Pose
+from drake_hand.epos.mirror import HandPose
 from drake_hand.plans.trajectory import Trajectory
 
 DRIVES = Drives.load()
@@ -30,7 +30,7 @@ def said(plan, until_s: float, shares: dict[str, float]) -> tuple[Twin, list[str
         share = np.array([shares.get(f.name, 1.0) for j in DRIVES.joints for f in twin.hand.fingers if j in f.joints])
         turns = torque.contact[i, columns] * share + torque.weight[i, columns]
         current = np.linalg.solve(DRIVES.torque_per_ma, turns)
-        lines += twin.follow(Pose(t=t[i], commanded=row, measured=row, current_ma=current))
+        lines += twin.follow(HandPose(t=t[i], commanded=row, measured=row, current_ma=current))
     return twin, lines
 
 

@@ -16,7 +16,7 @@ from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S
 from drake_hand.epos.sim.drives import SimulatedDrives
-from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.faults import InjectedFault
 
 ARM_SYNC = 25
 """The fault's random moment is counted from this SYNC and the lead-in, when the plan has begun."""
@@ -79,7 +79,7 @@ class Trial:
 
     def inject(self, kind: Any, **more: Any) -> None:
         """Lets a drive suffer now."""
-        self.sim.inject(Fault(kind=kind, joint=more.pop("joint", self.victim), **more))
+        self.sim.inject(InjectedFault(kind=kind, joint=more.pop("joint", self.victim), **more))
 
 
 @dataclass(frozen=True, kw_only=True)

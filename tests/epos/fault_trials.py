@@ -28,8 +28,8 @@ from drake_hand.epos.objects import IDENTITY, DriveType
 from drake_hand.epos.pdo import LAYOUT
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import kind_of
-from drake_hand.epos.sim.timeline import Event, Header, Row, read_timeline
-from drake_hand.epos.state import Control, State
+from drake_hand.epos.sim.timeline import Header, Row, TimelineEvent, read_timeline
+from drake_hand.epos.state import Control, DriveState
 from drake_hand.epos.stops import FOLLOWING_SHARE
 
 MOTION_S = 1.0
@@ -40,7 +40,10 @@ STAMP_S = 1.1e-3
 """How much before a frame the simulated drives may date what it did."""
 BY_ITSELF_S = 0.27
 """Time in which a drive without a master has to leave the motion: its heartbeat consumer time and one look."""
-_STOPPED = {s.value for s in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION, State.FAULT, State.SWITCH_ON_DISABLED)}
+_STOPPED = {
+    s.value
+    for s in (DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION, DriveState.FAULT, DriveState.SWITCH_ON_DISABLED)
+}
 _channels = itertools.count()
 
 
@@ -114,7 +117,7 @@ def _execute(plan: Any, trial: Trial, log: Path) -> dict | None:
 
 
 def _judge(
-    case: Case, trial: Trial, answer: dict | None, header: Header, rows: list[Row], events: list[Event]
+    case: Case, trial: Trial, answer: dict | None, header: Header, rows: list[Row], events: list[TimelineEvent]
 ) -> Outcome:
     T = trial.drives.bus.sync_ms * 1e-3
     # a row whose victim still reacts like the others counts it among them
@@ -156,11 +159,11 @@ def _disturbance(case: Case, trial: Trial, answer: dict | None) -> str:
     return str(first["text"]) if gap > LATE_T * T else ""
 
 
-def _injected(trial: Trial, events: list[Event]) -> float:
+def _injected(trial: Trial, events: list[TimelineEvent]) -> float:
     return next((e.t for e in events if e.event == "fault"), trial.acted)
 
 
-def _cause(case: Case, trial: Trial, header: Header, rows: list[Row], events: list[Event]) -> float:
+def _cause(case: Case, trial: Trial, header: Header, rows: list[Row], events: list[TimelineEvent]) -> float:
     """When the clock of the row begins."""
     if trial.tap.held_until:
         return trial.tap.held_until
@@ -195,7 +198,7 @@ def _resting(rows: list[Row], columns: list[int], since: float) -> float:
 
 
 def _violations(
-    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[Event], stopped: float
+    case: Case, trial: Trial, answer: dict | None, header: Header, events: list[TimelineEvent], stopped: float
 ) -> Any:
     """What the invariants say."""
     sent, heard, injected = trial.tap.sent, trial.tap.heard, _injected(trial, events)
@@ -206,7 +209,7 @@ def _violations(
     operational = {
         cob & 0x7F for t, cob, d in heard if kind_of(cob) == "heartbeat" and d[0] == 0x05 and t < first_enable
     }
-    if any(e.event == "state" and e.what == State.OPERATION_ENABLED.value and e.t < configured for e in events):
+    if any(e.event == "state" and e.what == DriveState.OPERATION_ENABLED.value and e.t < configured for e in events):
         yield "a drive was enabled before all were configured"
     if not operational >= set(header.nodes):
         yield "a drive was enabled before all were heard"

@@ -18,7 +18,7 @@ from drake_hand.cli.drives_physics import Outcome, spawn_physical_hand
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.pdo import NMT_COB, SYNC_COB
-from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.faults import InjectedFault
 from drake_hand.epos.sim.process import SpawnedDrives
 from drake_hand.plans.plan import Plan
 
@@ -84,4 +84,4 @@ def _fail(spawned: SpawnedDrives) -> None:
         while syncs < FAULT_AFTER_SYNCS and (message := bus.recv(60.0)):
             starts += message.arbitration_id == NMT_COB and message.data[0] == NMT_START
             syncs += message.arbitration_id == SYNC_COB and starts == 2
-    spawned.inject(Fault(kind="emcy", joint="ring_pip", code=0x2310))
+    spawned.inject(InjectedFault(kind="emcy", joint="ring_pip", code=0x2310))

@@ -11,7 +11,7 @@ import pytest
 from fault_trials import drives_of
 
 from drake_hand.epos import objects as od
-from drake_hand.epos.configure import configure, release, writes
+from drake_hand.epos.configure import configure, release_heartbeat, writes
 from drake_hand.epos.master import NMT_OPERATIONAL, Master
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, PDO_DISABLED, SYNC_COB
@@ -39,7 +39,7 @@ def test_every_drive_holds_what_it_was_given(mastered):
                 assert d[Obj(pdo.communication_index, 1, "u32")] == pdo.cob_id(drive.node)
                 mapped = [d[Obj(pdo.mapping_index, i, "u32")] for i in range(1, len(pdo.entries) + 1)]
                 assert mapped == [o.mapping for o in pdo.entries]
-        assert release(master, DRIVES.drives) == []
+        assert release_heartbeat(master, DRIVES.drives) == []
         assert not any(s.dictionary[od.CONSUMER_HEARTBEAT] for s in sim._simulated)
 
 
@@ -164,4 +164,4 @@ def test_the_master_configures_a_durand_responder_and_exchanges_pdos_with_it():
         stop = LAYOUT["epos4"].stop
         master.send(stop.cob_id(9), stop.pack(Control.QUICK_STOP))  # acts at once
         until(lambda: dictionary.read(0x6040, 0) == Control.QUICK_STOP)
-        assert release(master, (drive,)) == []
+        assert release_heartbeat(master, (drive,)) == []

@@ -6,8 +6,8 @@ from fault_trials import drives_of
 from drake_hand.epos import discovery
 from drake_hand.epos import objects as od
 from drake_hand.epos.objects import Identity
-from drake_hand.epos.sim.faults import Fault
-from drake_hand.epos.state import Control, State
+from drake_hand.epos.sim.faults import InjectedFault
+from drake_hand.epos.state import Control, DriveState
 
 DRIVES = drives_of("mix")
 
@@ -19,7 +19,7 @@ def changed(joint: str, **values):
 
 def fail(master, sim, joint: str, code: int) -> None:
     """Lets a drive fault, and waits until it has."""
-    sim.inject(Fault(kind="emcy", joint=joint, code=code))
+    sim.inject(InjectedFault(kind="emcy", joint=joint, code=code))
     node = next(d.node for d in DRIVES.drives if d.joint == joint)
     while not any(e.node == node for e in master.emergencies):
         master.read(node, od.STATUSWORD)
@@ -33,7 +33,7 @@ def test_the_drives_of_the_file_raise_no_complaint(mastered):
         conditions, silent = discovery.conditions(master, DRIVES.drives)
         assert silent == []
         assert discovery.not_ready(conditions) == []
-        assert {c.state for c in conditions} == {State.SWITCH_ON_DISABLED}
+        assert {c.state for c in conditions} == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_missing_extra_wrong_type_and_serial_are_all_listed_at_once(mastered):
@@ -71,7 +71,7 @@ def test_an_empty_bus_is_one_problem_not_fifteen(mastered):
 
 def test_wrong_identity_of_the_vendor(mastered):
     with mastered(DRIVES) as (master, sim):
-        sim.inject(Fault(kind="wrong_identity", joint="middle_pip", vendor=0x1234, product=0x64200000))
+        sim.inject(InjectedFault(kind="wrong_identity", joint="middle_pip", vendor=0x1234, product=0x64200000))
         while master.read(9, od.VENDOR) == 0xFB:
             pass
         problems, _ = discovery.mismatches(master, DRIVES)
@@ -81,7 +81,7 @@ def test_wrong_identity_of_the_vendor(mastered):
 def test_a_fault_is_told_with_the_stored_errors_newest_first(mastered):
     with mastered(DRIVES) as (master, sim):
         fail(master, sim, "index_pip", 0x3220)
-        sim.inject(Fault(kind="emcy", joint="index_pip", code=0x4210))
+        sim.inject(InjectedFault(kind="emcy", joint="index_pip", code=0x4210))
         while master.read(12, od.ERROR_HISTORY_COUNT) < 2:
             pass
         conditions, _ = discovery.conditions(master, DRIVES.drives)
@@ -105,15 +105,15 @@ def test_resetting_faults_enables_nothing(mastered):
     with mastered(DRIVES) as (master, sim):
         for joint in ("index_pip", "thumb_mcp"):
             fail(master, sim, joint, 0x2310)
-        faulty = [d for d in DRIVES.drives if sim.states[d.joint] is State.FAULT]
+        faulty = [d for d in DRIVES.drives if sim.states[d.joint] is DriveState.FAULT]
         assert [d.joint for d in faulty] == ["index_pip", "thumb_mcp"]
         assert discovery.reset_faults(master, faulty) == []
-        assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+        assert set(sim.states.values()) == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_drives_that_are_gone_are_named_when_disabling(mastered):
     with mastered(DRIVES) as (master, sim):
-        sim.inject(Fault(kind="lost", joint="ring_pip"))
+        sim.inject(InjectedFault(kind="lost", joint="ring_pip"))
         master.scan()
         assert discovery.disable_all(master, DRIVES.drives) == ["ring_pip"]
 

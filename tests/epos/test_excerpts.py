@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from swing import swing
 
-from drake_hand.epos.excerpts import around_grasp, part_end, switches
+from drake_hand.epos.excerpts import around_grasp, part_end, switch_times
 from drake_hand.errors import InputError
 from drake_hand.plans.plan import Contact
 
@@ -45,8 +45,8 @@ def test_the_pauses_of_a_grasp_are_above_the_contacts_and_when_the_forces_carry(
 
 
 def test_switches_are_where_something_happens():
-    assert switches(PLAN, 3.0) == [1.4, 2.5]
-    assert switches(PLAN, 2.5) == [1.4]
+    assert switch_times(PLAN, 3.0) == [1.4, 2.5]
+    assert switch_times(PLAN, 2.5) == [1.4]
     assert part_end(PLAN, 2) == 2.5
 
 

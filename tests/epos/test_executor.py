@@ -21,7 +21,7 @@ from drake_hand.epos.executor import execute
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.epos.sim.timeline import read_timeline
-from drake_hand.epos.state import State, decode_state
+from drake_hand.epos.state import DriveState, decode_state
 from drake_hand.errors import DriveError
 
 pytestmark = pytest.mark.clocked
@@ -77,7 +77,7 @@ def test_fifteen_drives_in_another_process(tmp_path, patiently):
     first = active.argmax(axis=0)
     assert active.any(axis=0).all()
     assert np.ptp(first) == 0  # SYNC periods, as the drives themselves saw it
-    assert set(_last_states(timeline).values()) == {State.SWITCH_ON_DISABLED.value}
+    assert set(_last_states(timeline).values()) == {DriveState.SWITCH_ON_DISABLED.value}
 
 
 def _last_states(timeline) -> dict[str, str]:
@@ -120,7 +120,7 @@ def test_a_master_that_is_killed_leaves_drives_that_stop_by_themselves(tmp_path)
         time.sleep(0.6)
     header, rows, events = read_timeline(timeline)
     before = [r for r in rows if r.t < killed][-1]
-    assert {decode_state(word, "epos2") for word in before.status} == {State.OPERATION_ENABLED}
+    assert {decode_state(word, "epos2") for word in before.status} == {DriveState.OPERATION_ENABLED}
     stopped = {e.joint: e.t for e in events if e.event == "state" and e.t > killed and e.what == "quick stop active"}
     assert set(stopped) == set(header.joints)
     limit = KANGUERA.bus.heartbeat_consumer_ms * 1e-3 + 1.5 * KANGUERA.bus.sync_ms * 1e-3 + STAMP_S
@@ -166,7 +166,7 @@ def test_an_interface_that_hangs_is_given_up_and_every_drive_is_named(virtual, m
         with pytest.raises(DriveError, match="not read back as disabled: little_abduction, little_flexion"):
             execute(swing(drives.joints, 1.0), drives, hanging)
         hanging.over = True
-        assert not any(s is State.OPERATION_ENABLED for s in sim.states.values())
+        assert not any(s is DriveState.OPERATION_ENABLED for s in sim.states.values())
 
 
 def test_the_executor_loads_light():

@@ -16,8 +16,8 @@ from drake_hand.epos.executor import execute
 from drake_hand.epos.person import Person
 from drake_hand.epos.preflight import Refused
 from drake_hand.epos.schedule import Excerpt
-from drake_hand.epos.sim.faults import Fault
-from drake_hand.epos.state import State
+from drake_hand.epos.sim.faults import InjectedFault
+from drake_hand.epos.state import DriveState
 from drake_hand.plans.plan import Contact
 
 pytestmark = pytest.mark.clocked
@@ -126,7 +126,7 @@ def test_an_interrupted_hand_goes_on_holding_until_somebody_decides(types, decis
         return run
 
     run = patiently(play)
-    assert all(states == {State.OPERATION_ENABLED} for _, _, states in seen)
+    assert all(states == {DriveState.OPERATION_ENABLED} for _, _, states in seen)
     assert np.ptp([q for _, q, _ in seen[1:]], axis=0).max() < np.radians(0.2)
     assert seen[-1][0] - seen[0][0] > 0.7
     assert (run.ok, run.wants_open) == (False, decision == "open")
@@ -150,11 +150,11 @@ def test_a_hand_that_holds_is_stopped_by_whatever_stops_it(how, kind, words, vir
             if how == "again":
                 person.then = lambda: os.kill(os.getpid(), signal.SIGINT)
             if how == "fault":
-                person.then = lambda: sim.inject(Fault(kind="emcy", joint="ring_pip"))
+                person.then = lambda: sim.inject(InjectedFault(kind="emcy", joint="ring_pip"))
             plan = held_throughout(drives.joints)
             run = execute(plan, drives, bus, person=person, hold=True, progress=person.progress)
             assert not any(s.powered for s in sim.states.values())
-        assert {State.OPERATION_ENABLED} in [states for _, _, states in person.seen]
+        assert {DriveState.OPERATION_ENABLED} in [states for _, _, states in person.seen]
         return run
 
     header = patiently(play).record.header

@@ -12,10 +12,10 @@ from swing import swing
 
 from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.executor import execute, reset_faults
+from drake_hand.epos.executor import execute, reset_faults_and_report
 from drake_hand.epos.preflight import Refused, plan_problems
-from drake_hand.epos.sim.faults import Fault
-from drake_hand.epos.state import State
+from drake_hand.epos.sim.faults import InjectedFault
+from drake_hand.epos.state import DriveState
 
 pytestmark = pytest.mark.clocked
 
@@ -41,7 +41,7 @@ def test_every_problem_is_listed_at_once(virtual):
     on_bus = [replace(d, node=33) if d.joint == "little_pip" else d for d in KANGUERA.drives]
 
     def spoil(sim):
-        sim.inject(Fault(kind="emcy", joint="ring_pip", code=0x3220))
+        sim.inject(InjectedFault(kind="emcy", joint="ring_pip", code=0x3220))
 
     e = refused(
         plan,
@@ -99,7 +99,7 @@ def test_a_drive_that_will_not_be_configured_keeps_all_from_being_enabled(virtua
 
 def test_a_drive_whose_heartbeat_was_never_heard_keeps_all_from_being_enabled(virtual):
     def spoil(sim):
-        sim.inject(Fault(kind="heartbeat_loss", joint="index_pip"))
+        sim.inject(InjectedFault(kind="heartbeat_loss", joint="index_pip"))
 
     e = refused(swing(KANGUERA.joints, 0.5), KANGUERA, virtual, spoil=spoil)
     assert e.problems == ["index_pip (node 12): no heartbeat, or not operational"]
@@ -142,12 +142,12 @@ def test_problems_of_a_plan(plan, word, wrong_input):
 
 def test_reset_faults_tells_what_was_and_enables_nothing(virtual):
     with virtual(KANGUERA) as (bus, sim):
-        sim.inject(Fault(kind="emcy", joint="ring_pip", code=0x3220))
+        sim.inject(InjectedFault(kind="emcy", joint="ring_pip", code=0x3220))
         end = time.monotonic() + 3
-        while sim.states["ring_pip"] is not State.FAULT and time.monotonic() < end:
+        while sim.states["ring_pip"] is not DriveState.FAULT and time.monotonic() < end:
             time.sleep(0.01)
         listening = Listening(bus)
-        were, remaining = reset_faults(KANGUERA, listening)
+        were, remaining = reset_faults_and_report(KANGUERA, listening)
         assert were == ["ring_pip (node 6): 0x3220 under-voltage"]
         assert remaining == []
-        assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+        assert set(sim.states.values()) == {DriveState.SWITCH_ON_DISABLED}

@@ -18,7 +18,7 @@ from drake_hand.epos.sim import in_step as in_step_module
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.in_step import serve_in_step
 from drake_hand.epos.sim.process import free_channel
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 
 pytestmark = pytest.mark.clocked
 
@@ -63,7 +63,7 @@ def test_however_slow_the_world_is_no_sync_is_late(slow_s, tmp_path):
         plan = swing(drives.joints, 0.6)
         answer = execute(plan, drives, bus).answer()
         took, passed = time.monotonic() - begun, clock.now() - at
-        assert set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+        assert set(sim.states.values()) == {DriveState.SWITCH_ON_DISABLED}
         assert clock.plan_time == pytest.approx(0.6)
         assert clock.tells_of(plan.hash)
         assert not clock.tells_of("another")
@@ -131,8 +131,8 @@ def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
 
         answer = execute(swing(drives.joints, 3.0), drives, bus, progress=die).answer()
         end = time.monotonic() + 5
-        while State.OPERATION_ENABLED in sim.states.values() and time.monotonic() < end:
+        while DriveState.OPERATION_ENABLED in sim.states.values() and time.monotonic() < end:
             time.sleep(0.05)
-        assert set(sim.states.values()) == {State.QUICK_STOP_ACTIVE}
+        assert set(sim.states.values()) == {DriveState.QUICK_STOP_ACTIVE}
     assert answer["faults"][0]["kind"] == "bus"
     assert len(answer["not_disabled"]) == 15

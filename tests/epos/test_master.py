@@ -8,7 +8,7 @@ from fault_trials import drives_of
 from drake_hand.epos import objects as od
 from drake_hand.epos.master import Emcy, Master, SdoError, for_all
 from drake_hand.epos.objects import Obj
-from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.faults import InjectedFault
 from drake_hand.epos.state import Control
 from drake_hand.errors import DriveError
 
@@ -69,7 +69,7 @@ def test_many_drives_are_asked_at_once_and_answers_keep_their_order(shared):
 def test_heartbeats_and_emergencies_are_noted(shared):
     master, sim = shared
     master.write(3, od.PRODUCER_HEARTBEAT, 20)
-    sim.inject(Fault(kind="emcy", joint=DRIVES.joints[2], code=0x4210))
+    sim.inject(InjectedFault(kind="emcy", joint=DRIVES.joints[2], code=0x4210))
     end = time.monotonic() + 3
     while time.monotonic() < end and not (3 in master.heard and master.emergencies):
         time.sleep(0.01)

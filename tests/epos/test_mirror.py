@@ -14,11 +14,11 @@ from sim_bench import Bench
 from drake_hand.cli.mirror import describe_pose
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
-from drake_hand.epos.mirror import Mirror, Pose, listen, replay
+from drake_hand.epos.mirror import HandPose, Mirror, poses_from_bus, poses_from_record
 from drake_hand.epos.record import RunHeader, RunRecord
-from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.faults import InjectedFault
 from drake_hand.epos.sim.motor import LAG_S
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 from drake_hand.errors import InputError
 
 SPEED = 500.0  # counts/s
@@ -72,13 +72,13 @@ def test_nothing_is_known_before_anything_is_heard(bench):
     pose = Mirror(bench.drives).pose(0.0)
     assert np.isnan(pose.measured).all()
     assert np.isnan(pose.commanded).all()
-    assert set(pose.states) == {State.UNKNOWN}
+    assert set(pose.states) == {DriveState.UNKNOWN}
 
 
 def test_commanded_and_measured_of_all_three_types(bench):
     play(bench, 50)
     pose = bench.pose()
-    assert pose.states == (State.OPERATION_ENABLED,) * 3
+    assert pose.states == (DriveState.OPERATION_ENABLED,) * 3
     assert counts(bench, pose.measured) == pytest.approx(
         [round(s.axis.motor.position) for s in bench.sim._simulated], abs=1
     )
@@ -121,10 +121,10 @@ def test_joins_a_motion_midway(bench):
 
 def test_a_drive_that_is_not_enabled_has_no_commanded_position(bench):
     play(bench, 20)
-    bench.sim.inject(Fault(kind="emcy", joint="j2"))
+    bench.sim.inject(InjectedFault(kind="emcy", joint="j2"))
     bench.sync(2)
     pose = bench.pose()
-    assert pose.states[1] is State.FAULT
+    assert pose.states[1] is DriveState.FAULT
     assert list(np.isnan(pose.commanded)) == [False, True, False]
     assert "fault: j2" in describe_pose(pose, bench.drives.joints)
 
@@ -154,7 +154,7 @@ def test_never_sends_a_frame(tmp_path):
     own, talker, witness = buses
     drives = Bench(tmp_path, ["epos2", "epos4", "epos1"]).drives
     sent = [(0x80, b""), (0x601, bytes(8)), (0x181, bytes(8)), (0x082, bytes(8)), (0x701, b"\0"), (0x000, b"\1\0")]
-    poses = listen(own, Mirror(drives), 0.01)
+    poses = poses_from_bus(own, Mirror(drives), 0.01)
     try:
         for cob, data in sent:
             talker.send(can.Message(arbitration_id=cob, data=data, is_extended_id=False))
@@ -177,7 +177,7 @@ def test_listening_needs_nothing_of_a_bus_but_recv(bench):
                 arbitration_id=0x182, data=pdo.LAYOUT["epos4"].status.pack(0x40, 7), is_extended_id=False
             )
 
-    pose = next(itertools.islice(listen(Ears(), Mirror(bench.drives), 0.0), 2, None))
+    pose = next(itertools.islice(poses_from_bus(Ears(), Mirror(bench.drives), 0.0), 2, None))
     assert counts(bench, pose.measured)[1] == 7
 
 
@@ -216,7 +216,7 @@ def ramp_record():
 
 
 def test_replays_a_record():
-    poses = list(replay(ramp_record(), 0.02))
+    poses = list(poses_from_record(ramp_record(), 0.02))
     assert 3 <= len(poses) <= 10
     assert poses[0].commanded[0] == 0.0
     assert all(np.allclose(p.error, 0.1) for p in poses)
@@ -229,7 +229,7 @@ import json, socket, sys, threading, urllib.request
 from pathlib import Path
 import numpy as np
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.mirror import Pose
+from drake_hand.epos.mirror import HandPose
 from drake_hand.epos.mirror_view import open_view
 from drake_hand.model.hand import Hand
 drives, urdf = Drives.load(), Hand.load("kanguera").urdf.file
@@ -238,11 +238,11 @@ with open_view(urdf, drives.joints) as view:
     sent = []
     inner = view._server.send
     view._server.send = lambda command: (sent.append(command.lower()), inner(command))
-    view.show(Pose(t=0.0, commanded=q, measured=np.where(np.arange(15) == 0, np.nan, 0.0)))
-    view.show(Pose(t=0.0, commanded=q, measured=np.zeros(15)))
+    view.show(HandPose(t=0.0, commanded=q, measured=np.where(np.arange(15) == 0, np.nan, 0.0)))
+    view.show(HandPose(t=0.0, commanded=q, measured=np.zeros(15)))
     n = len(sent)
     half = np.where(np.arange(15) == 2, np.radians(2.5), q * 1.1)
-    view.show(Pose(t=0.0, commanded=half, measured=np.zeros(15)), words="here")
+    view.show(HandPose(t=0.0, commanded=half, measured=np.zeros(15)), words="here")
     again = len(sent) - n
     page = urllib.request.urlopen(view.url).status
     state = json.loads(urllib.request.urlopen(view.url.replace("lab", "state")).read())
@@ -299,7 +299,7 @@ def test_modules_of_the_mirror_are_light():
 
 
 def test_pose_error_is_commanded_minus_measured():
-    pose = Pose(t=0.0, commanded=np.array([1.0, np.nan]), measured=np.array([0.25, 0.0]))
+    pose = HandPose(t=0.0, commanded=np.array([1.0, np.nan]), measured=np.array([0.25, 0.0]))
     assert pose.error[0] == 0.75
     assert np.isnan(pose.error[1])
 

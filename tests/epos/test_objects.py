@@ -4,24 +4,24 @@ from hypothesis import strategies as st
 
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
-from drake_hand.epos.state import BIT12, HOMED, REMOTE, State, decode_state, status_bits, status_words
+from drake_hand.epos.state import BIT12, HOMED, REMOTE, DriveState, decode_state, status_bits, status_words
 
 
 @pytest.mark.parametrize(
     ("word", "state"),
     [
-        (0x0100, State.NOT_READY),
-        (0x0140, State.SWITCH_ON_DISABLED),
-        (0x0121, State.READY_TO_SWITCH_ON),
-        (0x0123, State.SWITCHED_ON),
-        (0x0137, State.OPERATION_ENABLED),
-        (0x0117, State.QUICK_STOP_ACTIVE),
-        (0x010F, State.FAULT_REACTION),
-        (0x011F, State.FAULT_REACTION),
-        (0x0108, State.FAULT),
-        (0x4133, State.SWITCHED_ON),
-        (0x9737, State.OPERATION_ENABLED),
-        (0x0027, State.UNKNOWN),
+        (0x0100, DriveState.NOT_READY),
+        (0x0140, DriveState.SWITCH_ON_DISABLED),
+        (0x0121, DriveState.READY_TO_SWITCH_ON),
+        (0x0123, DriveState.SWITCHED_ON),
+        (0x0137, DriveState.OPERATION_ENABLED),
+        (0x0117, DriveState.QUICK_STOP_ACTIVE),
+        (0x010F, DriveState.FAULT_REACTION),
+        (0x011F, DriveState.FAULT_REACTION),
+        (0x0108, DriveState.FAULT),
+        (0x4133, DriveState.SWITCHED_ON),
+        (0x9737, DriveState.OPERATION_ENABLED),
+        (0x0027, DriveState.UNKNOWN),
     ],
 )
 def test_status_words_of_epos2(word, state):
@@ -30,7 +30,7 @@ def test_status_words_of_epos2(word, state):
 
 
 @pytest.mark.parametrize("kind", ["epos1", "epos2", "epos4"])
-@pytest.mark.parametrize("state", [s for s in State if s is not State.UNKNOWN])
+@pytest.mark.parametrize("state", [s for s in DriveState if s is not DriveState.UNKNOWN])
 @given(extra=st.sampled_from([0, REMOTE, BIT12, REMOTE | BIT12 | HOMED]))
 def test_every_state_is_decoded_from_its_own_word(kind, state, extra):
     assert decode_state(status_bits(state, kind) | extra, kind) is state

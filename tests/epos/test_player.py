@@ -11,8 +11,8 @@ from drake_hand.epos import pdo, player, pvt
 from drake_hand.epos.pvt import LOW_S, QUEUE_S
 from drake_hand.epos.rehearsal import Rehearsal
 from drake_hand.epos.schedule import Schedule
-from drake_hand.epos.sim.faults import Fault, kind_of
-from drake_hand.epos.state import Control, State
+from drake_hand.epos.sim.faults import InjectedFault, kind_of
+from drake_hand.epos.state import Control, DriveState
 
 TYPES = ["epos2", "epos4", "epos1", "mix"]
 DURATION = 0.6
@@ -134,15 +134,20 @@ def test_after_lost_periods_the_queue_is_filled_up_again_but_not_beyond():
 @pytest.mark.parametrize("types", TYPES)
 @pytest.mark.parametrize(
     "fault",
-    [Fault(kind="emcy", code=0x2310), Fault(kind="emcy", code=0x8120), Fault(kind="nmt_reset"), Fault(kind="bus_off")],
+    [
+        InjectedFault(kind="emcy", code=0x2310),
+        InjectedFault(kind="emcy", code=0x8120),
+        InjectedFault(kind="nmt_reset"),
+        InjectedFault(kind="bus_off"),
+    ],
     ids=lambda f: f"{f.kind}-{f.code:X}",
 )
 def test_what_one_drive_suffers_stops_all(types, fault):
     rehearsal = playing(begin(types), 40)
     joint = rehearsal.schedule.drives.joints[7]
-    rehearsal.sim.inject(Fault(kind=fault.kind, code=fault.code, joint=joint))
+    rehearsal.sim.inject(InjectedFault(kind=fault.kind, code=fault.code, joint=joint))
     reaction = rehearsal.ticks
-    until(rehearsal, lambda: all(s is not State.OPERATION_ENABLED for s in rehearsal.sim.states.values()))
+    until(rehearsal, lambda: all(s is not DriveState.OPERATION_ENABLED for s in rehearsal.sim.states.values()))
     assert rehearsal.ticks - reaction <= (5 if fault.kind == "bus_off" else 2)
     until(rehearsal, rehearsal.player.done.is_set)
     assert rehearsal.player.faults[0].joint == joint
@@ -156,10 +161,10 @@ def test_a_stop_is_not_undone_by_a_command_that_waits_for_the_sync(types):
     rehearsal.player.request_stop("interrupt", "SIGINT")
     rehearsal.tick()  # the latched commands of this period were pending
     rehearsal.tick()
-    assert set(rehearsal.sim.states.values()) == {State.QUICK_STOP_ACTIVE}
+    assert set(rehearsal.sim.states.values()) == {DriveState.QUICK_STOP_ACTIVE}
     for _ in range(2):
         rehearsal.tick()
-        assert State.OPERATION_ENABLED not in rehearsal.sim.states.values()
+        assert DriveState.OPERATION_ENABLED not in rehearsal.sim.states.values()
 
 
 def test_drives_are_at_rest_before_the_power_goes():
@@ -198,11 +203,11 @@ def test_a_late_sync_before_the_motion_does_not_matter():
 def test_a_drive_that_will_not_enable_keeps_the_others_from_it():
     rehearsal = begin("epos2")
     joint = rehearsal.schedule.drives.joints[2]
-    rehearsal.sim.inject(Fault(kind="lost", joint=joint, frames=["command"], direction="rx"))
+    rehearsal.sim.inject(InjectedFault(kind="lost", joint=joint, frames=["command"], direction="rx"))
     enabled = set()
     while not rehearsal.player.done.is_set():
         rehearsal.tick()
-        enabled |= {j for j, s in rehearsal.sim.states.items() if s is State.OPERATION_ENABLED}
+        enabled |= {j for j, s in rehearsal.sim.states.items() if s is DriveState.OPERATION_ENABLED}
     assert enabled == set()
     assert [(f.kind, f.joint) for f in rehearsal.player.faults] == [("enable", joint)]
 
@@ -210,7 +215,7 @@ def test_a_drive_that_will_not_enable_keeps_the_others_from_it():
 def test_records_that_do_not_arrive_keep_the_motion_from_starting():
     rehearsal = begin("epos2")
     joint = rehearsal.schedule.drives.joints[2]
-    rehearsal.sim.inject(Fault(kind="lost", joint=joint, frames=["record"], direction="rx", probability=0.3))
+    rehearsal.sim.inject(InjectedFault(kind="lost", joint=joint, frames=["record"], direction="rx", probability=0.3))
     ended(rehearsal)
     assert [(f.kind, f.joint) for f in rehearsal.player.faults] == [("queue", joint)]
     assert rehearsal.player.step == -1
@@ -220,7 +225,7 @@ def test_a_drive_that_misses_the_start_is_noticed():
     rehearsal = begin("epos2")
     player, joint = rehearsal.player, rehearsal.schedule.drives.joints[2]
     until(rehearsal, lambda: player.watch.enabled and all(a.queued == 20 for a in player.axes))
-    rehearsal.sim.inject(Fault(kind="lost", joint=joint, frames=["command"], direction="rx"))
+    rehearsal.sim.inject(InjectedFault(kind="lost", joint=joint, frames=["command"], direction="rx"))
     ended(rehearsal)
     assert [(f.kind, f.joint) for f in player.faults] == [("skew", joint)]
     assert player.step < 10
@@ -231,7 +236,7 @@ def test_a_drive_that_starts_a_sync_late_is_noticed():
     player, joint = rehearsal.player, rehearsal.schedule.drives.joints[2]
     until(rehearsal, lambda: player.watch.enabled and all(a.queued == 20 for a in player.axes))
     rehearsal.sim.inject(
-        Fault(kind="late", joint=joint, frames=["command"], direction="rx", delay_ms=12, duration_s=0.02)
+        InjectedFault(kind="late", joint=joint, frames=["command"], direction="rx", delay_ms=12, duration_s=0.02)
     )
     ended(rehearsal)
     assert [f.kind for f in player.faults] == ["skew"]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_hand.epos.executor import Run
+from drake_hand.epos.executor import DriveRun
 from drake_hand.epos.record import _ARRAYS, NO_QUEUE, Fault, RunHeader, RunRecord
 from drake_hand.errors import InputError
 
@@ -124,7 +124,7 @@ def test_the_answer_of_a_run_is_always_numbers(rows):
     record = run(k=60)
     record.measured[:, 1] = np.nan
     short = {name: getattr(record, name)[:rows] for name in _ARRAYS}
-    answer = Run(record=RunRecord(header=HEADER, **short), start_skew=0).answer()
+    answer = DriveRun(record=RunRecord(header=HEADER, **short), start_skew=0).answer()
     assert "null" not in msgspec.json.encode(answer["tracking"]).decode()
     assert (answer["ok"], answer["disabled"], answer["not_disabled"]) == (False, False, ["b"])
     assert answer["faults"][0]["code"] == 0x2310

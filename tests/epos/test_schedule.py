@@ -10,7 +10,7 @@ from swing import swing
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S, START_TOLERANCE_DEG, Excerpt, Schedule
-from drake_hand.epos.sim.pvt import Record, end_accelerations
+from drake_hand.epos.sim.pvt import PvtRecord, end_accelerations
 from drake_hand.errors import InputError
 from drake_hand.plans.trajectory import Trajectory
 
@@ -114,7 +114,7 @@ def test_accelerations_of_pvt_records_are_those_the_drive_computes(schedule):
     """Encoder steps and all: the simulated drive's own queue is the judge."""
     i, r, T = 5, schedule.record_steps, schedule.record_steps * schedule.period
     rows = zip(schedule.counts[::r, i], np.rint(schedule.rpm[::r, i]) * 64 / 60, strict=True)
-    records = [Record(float(p), float(v), T) for p, v in rows]
+    records = [PvtRecord(float(p), float(v), T) for p, v in rows]
     of_drive = [max(map(abs, end_accelerations(a, b))) * 60 / 64 for a, b in pairwise(records)]
     assert schedule._record_acceleration(i) == pytest.approx(of_drive)
     limit = max(of_drive)

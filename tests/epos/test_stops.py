@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_hand.epos import pdo
-from drake_hand.epos.state import REMOTE, State, status_bits
+from drake_hand.epos.state import REMOTE, DriveState, status_bits
 from drake_hand.epos.stops import FOLLOWING_SHARE, MISSED_AT_MOST, Watch
 
 DRIVES = drives_of("mix")
@@ -21,7 +21,7 @@ def watch(enabled: bool = True) -> Watch:
     return made
 
 
-def status(state: State = State.OPERATION_ENABLED, position: int = 0, queued: int = 20) -> tuple[int, bytes]:
+def status(state: DriveState = DriveState.OPERATION_ENABLED, position: int = 0, queued: int = 20) -> tuple[int, bytes]:
     data = LAYOUT.status.pack(status_bits(state, "epos2") | REMOTE, position, queued)
     return LAYOUT.status.cob_id(NODE), data
 
@@ -39,7 +39,7 @@ def test_a_healthy_drive_says_nothing():
     w = watch()
     assert kinds(w.frame(*status(), 0.01)) == []
     assert w.axes[3].answered
-    assert (w.axes[3].queued, w.axes[3].state) == (20, State.OPERATION_ENABLED)
+    assert (w.axes[3].queued, w.axes[3].state) == (20, DriveState.OPERATION_ENABLED)
 
 
 @pytest.mark.parametrize("size", [2, 3, 5, 8])
@@ -54,15 +54,15 @@ def test_an_error_reset_is_no_fault():
     assert kinds(watch().frame(0x80 + NODE, bytes(8), 0.0)) == []
 
 
-@pytest.mark.parametrize("state", [State.FAULT, State.FAULT_REACTION])
+@pytest.mark.parametrize("state", [DriveState.FAULT, DriveState.FAULT_REACTION])
 @pytest.mark.parametrize("enabled", [True, False])
 def test_the_fault_bit_is_a_fault(state, enabled):
     assert kinds(watch(enabled).frame(*status(state), 0.0)) == ["fault"]
 
 
 def test_leaving_operation_enabled_is_a_fault_once_all_are_enabled():
-    assert kinds(watch(False).frame(*status(State.SWITCHED_ON), 0.0)) == []
-    assert kinds(watch().frame(*status(State.SWITCHED_ON), 0.0)) == ["fault"]
+    assert kinds(watch(False).frame(*status(DriveState.SWITCHED_ON), 0.0)) == []
+    assert kinds(watch().frame(*status(DriveState.SWITCHED_ON), 0.0)) == ["fault"]
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

@@ -14,8 +14,8 @@ from drake_hand.epos import objects as od
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.preflight import Refused
-from drake_hand.epos.sim.faults import Fault
-from drake_hand.epos.state import State
+from drake_hand.epos.sim.faults import InjectedFault
+from drake_hand.epos.state import DriveState
 from drake_hand.epos.zero import by_hand, on_stops
 from drake_hand.errors import DriveError
 from drake_hand.model.hand import Hand
@@ -33,7 +33,7 @@ def shown(sim):
 
 
 def off(sim):
-    return set(sim.states.values()) == {State.SWITCH_ON_DISABLED}
+    return set(sim.states.values()) == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_without_a_zero_nothing_is_played(virtual):
@@ -104,7 +104,7 @@ def test_a_fault_anywhere_ends_it_with_all_off(mastered):
     with mastered(KANGUERA, zeroed=False) as (master, sim):
         found = on_stops(master, KANGUERA, HAND.joints, LIMITS)
         next(found)
-        sim.inject(Fault(kind="emcy", joint="thumb_mcp", code=0x2310))
+        sim.inject(InjectedFault(kind="emcy", joint="thumb_mcp", code=0x2310))
         with pytest.raises(DriveError, match="node 15: EMCY 0x2310 over-current"):
             list(found)
         assert off(sim)
@@ -132,7 +132,7 @@ def test_a_joint_without_a_stop_is_not_homed(tmp_path, mastered):
 
 def test_a_drive_that_boots_has_lost_its_zero(mastered):
     with mastered(KANGUERA, q=np.full(15, 0.2)) as (_, sim):
-        sim.inject(Fault(kind="nmt_reset", joint="thumb_mcp"))
+        sim.inject(InjectedFault(kind="nmt_reset", joint="thumb_mcp"))
         end = time.monotonic() + 3
         while sim._simulated[14].axis.homed and time.monotonic() < end:
             time.sleep(0.01)

@@ -129,7 +129,12 @@ def test_deep_nesting_is_refused(refused):
         ("hands", ".hand.yaml", Task, "this is a hand file; examine it with: drake-hand hand check "),
         ("drives", ".drives.yaml", Task, "this is a drives file"),
         ("drives", ".drives.yaml", HandSpec, "this is a drives file"),
-        ("hands", ".urdf", Task, "this is a model (XML); its hand file is drafted with: drake-hand hand init "),
+        (
+            "hands",
+            ".urdf",
+            Task,
+            "if it is a hand's, draft its hand file with: drake-hand hand init ",
+        ),
     ],
 )
 def test_a_file_of_another_kind_is_named_with_what_to_do_with_it(kind, suffix, type_, said):
@@ -139,6 +144,26 @@ def test_a_file_of_another_kind_is_named_with_what_to_do_with_it(kind, suffix, t
         assert said in e.value.message
         if said.endswith(" "):
             assert e.value.message.endswith(str(file))
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("x.sweep.yaml", b"tasks: [spin]\nseeds: 2\n", "this is a sweep file; run it with: drake-hand sweep "),
+        ("x.run.npz", b"PK\x03\x04\xff", "this is the record of a run; draw it with: drake-hand plot "),
+        ("x.plan.json", b"\n", "file is empty"),
+    ],
+)
+def test_sweeps_and_records_and_empty_files_are_no_plans(name, data, said, tmp_path):
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError) as e:
+        Plan.load(tmp_path / name)
+    assert e.value.message.startswith(said)
+
+
+def test_a_folder_is_no_plan(tmp_path):
+    with pytest.raises(InputError, match="this is a folder"):
+        Plan.load(tmp_path)
 
 
 def test_a_plan_is_no_task(sample_plan, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.model.hand import Hand
-from drake_hand.model.propose import propose
+from drake_hand.model.propose import propose_hand
 from drake_hand.model.urdf import Urdf
 from tests.model.conftest import four_fingers
 
@@ -15,7 +15,7 @@ from tests.model.conftest import four_fingers
 def load(tmp_path, text: str) -> Hand:
     (tmp_path / "x.urdf").write_text(text)
     urdf = Urdf.load(tmp_path / "x.urdf")
-    return Hand.build(propose(urdf).spec, urdf, urdf.file)
+    return Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
 
 
 def test_the_bundled_hand_is_as_its_readme_says(kanguera):
@@ -44,7 +44,7 @@ def test_pads_face_where_fingers_bend(tmp_path):
 
 def test_a_tripod_faces_where_its_legs_point_and_has_no_thumb(models):
     urdf = Urdf.load(models / "hands/trifinger_pro/trifingerpro.urdf")
-    closing = Hand.build(propose(urdf).spec, urdf, urdf.file).closing
+    closing = Hand.build(propose_hand(urdf).spec, urdf, urdf.file).closing
     assert closing.thumb is None
     assert closing.palm.tolist() == [0, 0, -1]
     assert abs(closing.side @ closing.palm) < 1e-9

@@ -8,7 +8,7 @@ import pytest
 from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.hand import Hand
 from drake_hand.model.plant import SHANK
-from drake_hand.model.propose import propose
+from drake_hand.model.propose import propose_hand
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Urdf
 from tests.model.conftest import four_fingers, link
@@ -27,7 +27,7 @@ def load(tmp_path, tip: str, frames: bool = True) -> Hand:
     )
     (tmp_path / "x.urdf").write_text(text.replace("</robot>", (mounts if frames else "") + "</robot>"))
     urdf = Urdf.load(tmp_path / "x.urdf")
-    return Hand.build(propose(urdf).spec, urdf, urdf.file)
+    return Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
 
 
 def test_a_frame_s_tip_is_the_end_of_the_body_it_is_fixed_to(tmp_path):
@@ -70,7 +70,7 @@ def test_a_narrower_link_behind_a_sphere_stays_as_it_is(tmp_path):
     )
     (tmp_path / "x.urdf").write_text(text.replace("</robot>", mount + link("c_tip", ball) + "</robot>"))
     urdf = Urdf.load(tmp_path / "x.urdf")
-    hand = Hand.build(propose(urdf).spec, urdf, urdf.file)
+    hand = Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
     tip = Fingertip.of(hand, hand.finger("middle"))
     assert tip.replaced == {("c_tip", 0)}
     assert tip.rest == ()
@@ -86,7 +86,7 @@ def test_what_a_sphere_cannot_stand_for_is_stated(tmp_path):
 
 def test_orca_s_frames_are_tips_with_shape(models):
     urdf = Urdf.load(models / "hands/orca_v1/v1/models/urdf/orcahand_right.urdf")
-    hand = Hand.build(propose(urdf).spec, urdf, urdf.file)
+    hand = Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
     for finger in hand.fingers:
         tip = Fingertip.of(hand, finger)
         assert finger.tip_link not in urdf.shaped

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from drake_hand.errors import InputError
+from drake_hand.model import pieces
 from drake_hand.model.object import Object
 from drake_hand.model.solid import read_solid
 
@@ -121,18 +122,64 @@ def test_a_surface_that_encloses_its_solid_is_wrapped(save):
     assert depth(solid, [0.002, 0.020, 0.015]) > 0.001, "its wall is not"
 
 
-def test_bodies_that_share_edges_are_told_apart(save):
-    """A cup: wall and floor have an edge in common, at which four faces meet."""
-    wall = trimesh.creation.annulus(0.026, 0.030, 0.06, sections=32)
-    floor = trimesh.creation.cylinder(0.030, 0.004, sections=32).apply_translation([0, 0, -0.028])
-    cup = trimesh.util.concatenate([wall, floor])
-    cup.merge_vertices()
-    assert not cup.is_watertight
-    solid = read_solid(save(cup, "cup.obj"), ONE)
-    assert depth(solid, [0.0, 0.0, 0.01]) < -0.02, "the inside of the cup is air"
-    assert depth(solid, [0.0, 0.0, -0.028]) > 0.0015, "its floor is not"
-    assert "error 0." in solid.notes[-1]
+CROSSING = """
+v 0.010 -0.015 0.020
+v -0.010 -0.015 -0.020
+v -0.010 -0.015 0.020
+v -0.010 0.015 -0.020
+v -0.010 0.015 0.020
+v 0.010 -0.015 -0.020
+v 0.010 0.015 -0.020
+v 0.010 0.015 0.020
+f 2 4 1
+f 5 2 1
+f 1 4 3
+f 3 5 1
+f 2 8 4
+f 6 2 5
+f 6 8 2
+f 4 8 3
+f 7 5 3
+f 3 8 7
+f 7 6 5
+f 8 6 7
+"""
+"""A box with its corners exchanged, so that its faces cross."""
+
+
+def test_a_crash_of_the_decomposition_is_one_message(tmp_path):
+    """CoACD ends with a segmentation fault."""
+    (tmp_path / "crossing.obj").write_text(CROSSING)
+    with pytest.raises(InputError, match=r"CoACD crashed \(SIGSEGV\)") as caught:
+        read_solid(tmp_path / "crossing.obj", ONE)
+    assert caught.value.file == tmp_path / "crossing.obj"
+
+
+def test_a_decomposition_that_takes_too_long_is_one_message(save, monkeypatch):
+    monkeypatch.setattr(pieces, "CPU_S", 1)
+    with pytest.raises(InputError, match="CoACD did not finish in 1 s of processor time"):
+        read_solid(save(trimesh.creation.torus(0.03, 0.008)), ONE)
+
+
+def test_a_plate_in_a_tube_is_two_bodies(save):
+    """As most cups are drawn: at the rim of the plate more than two faces meet."""
+    tube = trimesh.creation.annulus(r_min=0.030, r_max=0.034, height=0.08, sections=16)
+    plate = trimesh.creation.cylinder(radius=0.034, height=0.004, sections=16)
+    tube.apply_translation([0, 0, 0.04])
+    plate.apply_translation([0, 0, 0.002])
+    cup = trimesh.util.concatenate([tube, plate])
+    solid = read_solid(save(cup), ONE)
+    assert depth(solid, [0, 0, 0.04]) < -0.02, "it is empty"
+    assert depth(solid, [0, 0, 0.002]) > 0.001, "it has a bottom"
+    assert depth(solid, [0.031, 0.006, 0.04]) > 0, "and a wall"
     assert not any("open" in note for note in solid.notes)
+
+
+def test_vertices_on_a_plane_without_height_are_refused(tmp_path):
+    """Trimesh reads two coordinates of an OBJ as a point of a plane."""
+    (tmp_path / "plane.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(InputError, match="2 coordinates per vertex"):
+        read_solid(tmp_path / "plane.obj", ONE)
 
 
 def test_flat_is_refused(save):

@@ -9,7 +9,7 @@ from drake_hand.model.scene import Scene
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from drake_hand.physics.mujoco_model import IMPEDANCE, OBJECT, build, tip_shapes  # noqa: E402
+from drake_hand.physics.mujoco_model import IMPEDANCE, OBJECT, build_model, tip_shapes  # noqa: E402
 
 PADS = np.array([3000.0, 3500.0, 4000.0, 2500.0, 4500.0])
 
@@ -24,7 +24,7 @@ def made(hand, request):
     """Drake's scene and MuJoCo's model of the same."""
     object_ = Object.load(request.param).with_mass(0.037)
     gravity = np.array([1.0, 2.0, -9.0])
-    spec = build(hand, object_, gravity=gravity, friction=0.7, pad_stiffness=PADS, relaxation=0.02)
+    spec = build_model(hand, object_, gravity=gravity, friction=0.7, pad_stiffness=PADS, relaxation=0.02)
     model = spec.compile()
     return Scene(hand, object_), model, mujoco.MjData(model)
 
@@ -123,7 +123,9 @@ def test_the_same_links_are_kept_from_colliding(made):
 def test_a_pad_is_as_stiff_as_asked(hand):
     """The object rests by its weight on a tip: as deep as a spring would be."""
     object_ = Object.load("sphere").with_mass(0.3)
-    spec = build(hand, object_, gravity=np.array([0, 0, -9.81]), friction=0.7, pad_stiffness=PADS, relaxation=0.02)
+    spec = build_model(
+        hand, object_, gravity=np.array([0, 0, -9.81]), friction=0.7, pad_stiffness=PADS, relaxation=0.02
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

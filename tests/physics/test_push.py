@@ -8,10 +8,10 @@ from drake_hand import cli
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.engine import Perturbation, Push
+from drake_hand.physics.engine import Perturbation, PushForce
 from drake_hand.physics.replay import replay
 from drake_hand.physics.runs import simulate
-from drake_hand.physics.simulation import Physics
+from drake_hand.physics.simulation import DrakeSimulation
 from drake_hand.plans.holds import hold_windows
 from tests.feedback.test_correction import certified
 from tests.verify.held import held_plan
@@ -21,14 +21,14 @@ FORCE = np.array([0.3, -0.2, 0.1])
 
 
 def drake(**setting):
-    return Physics(HAND, CUBE, **setting)
+    return DrakeSimulation(HAND, CUBE, **setting)
 
 
 def in_mujoco(**setting):
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    from drake_hand.physics.mujoco_simulation import MujocoPhysics
+    from drake_hand.physics.mujoco_simulation import MujocoSimulation
 
-    return MujocoPhysics(HAND, CUBE, pad_stiffness=np.full(5, 3000.0), **setting)
+    return MujocoSimulation(HAND, CUBE, pad_stiffness=np.full(5, 3000.0), **setting)
 
 
 @pytest.mark.parametrize("engine", [drake, in_mujoco])
@@ -50,7 +50,7 @@ def test_a_free_object_is_accelerated_while_it_is_pushed_and_then_flies_on(engin
 def test_its_impulse_is_that_asked_for_however_it_falls_between_samples():
     seen = set()
     for seed in range(20):
-        change = Perturbation().pushed(Push(push_n=2.0, push_ms=7.0), (1.0, 4.0), np.random.default_rng(seed))
+        change = Perturbation().pushed(PushForce(push_n=2.0, push_ms=7.0), (1.0, 4.0), np.random.default_rng(seed))
         assert np.linalg.norm(change.push_n) == pytest.approx(2.0)
         assert 2.0 <= change.push_s[0] <= 3.0
         times = np.arange(0.0, 5.0, 5e-3)
@@ -63,7 +63,7 @@ def test_its_impulse_is_that_asked_for_however_it_falls_between_samples():
 def test_what_is_held_gives_way_and_comes_back():
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
     plan = certified(held_plan(end=3.0))
-    (run,) = simulate(plan, engine="mujoco", push=Push(push_n=1.0, push_ms=50.0)).runs
+    (run,) = simulate(plan, engine="mujoco", push=PushForce(push_n=1.0, push_ms=50.0)).runs
     begin, end = run.perturbation.push_s
     ((free, until),) = hold_windows(plan)
     assert free < begin < end < until
@@ -78,6 +78,6 @@ def test_what_is_held_gives_way_and_comes_back():
 
 def test_a_push_of_no_size_is_refused(capsys):
     with pytest.raises(InputError, match="push_ms"):
-        Push(push_ms=0.0)
+        PushForce(push_ms=0.0)
     assert cli.run(["simulate", "spin.plan.json", "--push-n", "-1"]) == 2
     assert "push_n" in capsys.readouterr().err

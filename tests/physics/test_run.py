@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.model.object import Object
-from drake_hand.physics.run import Record, Run, judge
+from drake_hand.physics.run import Record, SimulatedRun, judge
 from drake_hand.physics.simulation import Perturbation
 from drake_hand.plans.trajectory import Trajectory
 from tests.verify.held import AXIS_W, END, RAMP, held_plan
@@ -39,7 +39,7 @@ def as_planned(plan) -> Record:
     )
 
 
-def ended(plan, record: Record, *, turn=(0.0, 0.0, 0.0), shift_mm=(0.0, 0.0, 0.0), dropped=False) -> Run:
+def ended(plan, record: Record, *, turn=(0.0, 0.0, 0.0), shift_mm=(0.0, 0.0, 0.0), dropped=False) -> SimulatedRun:
     """The run whose object drifts away from its plan, at the end by so much (turn: rotation vector in deg)."""
     X = record.X_WO.copy()
     share = np.clip((record.t - RAMP) / (END - RAMP), 0.0, 1.0)

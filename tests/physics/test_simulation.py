@@ -7,7 +7,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import Perturbation
-from drake_hand.physics.simulation import Physics, _grown
+from drake_hand.physics.simulation import DrakeSimulation, _grown
 
 HAND = Hand.load("kanguera")
 GRAVITY = np.array([1.0, -2.0, -9.0])
@@ -21,7 +21,7 @@ def at_rest(q, end=1.0):
 def test_an_object_out_of_reach_is_held_and_then_falls(name):
     X = np.eye(4)
     X[:3, 3] = [0.5, 0, 0]
-    physics = Physics(HAND, Object.load(name), at_rest(HAND.q_home), X, gravity=GRAVITY, friction=0.8)
+    physics = DrakeSimulation(HAND, Object.load(name), at_rest(HAND.q_home), X, gravity=GRAVITY, friction=0.8)
     physics.advance(0.05)
     np.testing.assert_allclose(physics.X_WO, X, atol=1e-12)
     physics.let_go()
@@ -36,7 +36,7 @@ def test_servos_reach_what_they_are_told_but_for_the_fingers_weight():
     X = np.eye(4)
     X[:3, 3] = [0.5, 0, 0]
     told = PiecewisePolynomial.CubicShapePreserving([0, 0.3, 1.0], np.column_stack([HAND.q_home, q, q]), True)
-    physics = Physics(HAND, Object.load("pencil"), told, X, gravity=GRAVITY, friction=0.8)
+    physics = DrakeSimulation(HAND, Object.load("pencil"), told, X, gravity=GRAVITY, friction=0.8)
     physics.advance(0.8)
     sag = np.abs(physics.q - q)
     assert 1e-4 < sag.max() < 0.01
@@ -52,14 +52,14 @@ def test_servos_are_told_by_name_whatever_the_order_of_fingers_in_the_urdf(tmp_p
     X = np.eye(4)
     X[:3, 3] = [0.5, 0, 0]
     q = hand.q_home + np.linspace(0.0, 0.2, hand.nq)
-    physics = Physics(hand, Object.load("pencil"), at_rest(q), X, gravity=GRAVITY, friction=0.8)
+    physics = DrakeSimulation(hand, Object.load("pencil"), at_rest(q), X, gravity=GRAVITY, friction=0.8)
     physics.advance(0.3)
     np.testing.assert_allclose(physics.q, q, atol=0.01)
 
 
 def test_a_perturbed_start_is_where_the_fixture_holds():
     change = Perturbation(shift_mm=(1.0, 0.0, 0.0), turn_deg=(0.0, 0.0, 2.0))
-    physics = Physics(
+    physics = DrakeSimulation(
         HAND, Object.load("pencil"), at_rest(HAND.q_home), np.eye(4), gravity=GRAVITY, friction=0.8, perturbation=change
     )
     np.testing.assert_allclose(physics.X_WO, change.start(np.eye(4)), atol=1e-12)
@@ -98,7 +98,7 @@ def test_all_of_the_hand_rubs_as_the_fingertips_do(friction):
     X[2, 3] = 0.027
     gravity = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
     assert friction < 2 / 7 * np.tan(lean), "it would roll"
-    physics = Physics(trio, ball, at_rest(trio.q_home), X, gravity=gravity, friction=friction, contact="point")
+    physics = DrakeSimulation(trio, ball, at_rest(trio.q_home), X, gravity=gravity, friction=friction, contact="point")
     physics.let_go()
     physics.advance(t)
     way = 9.81 * (np.sin(lean) - friction * np.cos(lean)) * t**2 / 2

@@ -288,3 +288,13 @@ def test_a_failure_says_whether_more_friction_would_let_a_finger_be_lifted():
         assert ("twice the friction" in reason) == could
         told.add(could)
     assert told
+
+
+def test_a_failure_says_friction_where_twice_as_much_would_not_do():
+    m = moves(HAND, PENCIL, path(HAND, turn(100.0)), equilibrium(HAND, PENCIL, friction=0.05))
+    search = Search(moves=m)
+    found = roots(moves(HAND, PENCIL, path(HAND, turn(100.0))))
+    for x in found:
+        m.evaluate([x], x.room[None])
+    search.add(found)
+    assert "twenty times the friction" in search.failure("infeasible").reason

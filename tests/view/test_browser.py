@@ -8,7 +8,7 @@ import pytest
 
 from drake_hand import api
 from drake_hand.epos.drives import Drives
-from drake_hand.epos.mirror import Pose
+from drake_hand.epos.mirror import HandPose
 from drake_hand.epos.mirror_view import open_view
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.physics.replay import replay
@@ -200,7 +200,7 @@ def test_the_mirror_shows_both_hands_and_every_joint(browser, hand):
     joints = Drives.load().joints
     with open_view(hand.urdf.file, joints) as view, opened(browser, view.url) as tab:
         measured = np.zeros(len(joints))
-        view.show(Pose(t=0.0, commanded=measured + math.radians(10), measured=measured), words="part 2 of 7")
+        view.show(HandPose(t=0.0, commanded=measured + math.radians(10), measured=measured), words="part 2 of 7")
         tab.wait_for_function("document.querySelector('#words').textContent === 'part 2 of 7'")
         assert tab.locator("#rows tr").count() == len(joints)
         assert tab.locator("#rows tr").nth(0).inner_text().split()[1:4] == ["10.0", "0.0", "10.0"]

@@ -60,6 +60,21 @@ def test_card_shows_what_was_asked_first_and_whatever_fails(sample_plan):
     ]
 
 
+def test_an_edited_plan_shows_no_figure_of_the_plan_it_was(sample_plan, hand):
+    slip = {"slip_mm": Worst(value=0.25, limit=1.0, ok=True)}
+    course = Course.of(sample_plan, hand, np.array([0.0, 5.0]))
+
+    def page_about(plan_hash: str) -> str:
+        certificate = Certificate(certified=True, samples=1, worst=slip, failures=[], plan_hash=plan_hash).sealed()
+        return add_panel("<body></body>", msgspec.structs.replace(sample_plan, certificate=certificate), course, SCENE)
+
+    assert "0.25 mm" in page_about(sample_plan.hash)
+    edited = page_about("of another")
+    assert "NOT certified: edited since it was certified" in edited
+    assert "slip of a contact" in edited
+    assert "0.25 mm" not in edited
+
+
 def test_strips_count_turns_with_winding(sample_plan, hand):
     t = np.linspace(0, 2, 201)
     poses = [[np.cos(a / 2), 0.0, np.sin(a / 2), 0.0, 0.1, 0.0, 0.0] for a in 2 * np.pi * t]

@@ -11,9 +11,9 @@ from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import unpack_record
 from drake_hand.epos.sim.dictionary import OUT_OF_RANGE, WRONG_STATE, Dictionary, fits
-from drake_hand.epos.sim.motion import Cyclic, Demand, Generator, Hold, Homing, Profile, Ramp
+from drake_hand.epos.sim.motion import CyclicMotion, Demand, Generator, Homing, Profile, Ramp, Standstill
 from drake_hand.epos.sim.motor import Motor
-from drake_hand.epos.sim.pvt import Limits, PvtQueue, Record
+from drake_hand.epos.sim.pvt import Limits, PvtQueue, PvtRecord
 from drake_hand.epos.state import BIT12, TARGET_REACHED, Control
 
 STEP_S = 1e-3
@@ -24,7 +24,7 @@ _FOLLOWING_ERROR, _QUEUE_ERROR = 0x8611, 0xFF0C
 _SOFT_LIMIT = {"epos1": 0xFF09, "epos2": 0xFF09, "epos4": 0x8A82}
 
 
-class Axis:
+class SimulatedAxis:
     """Demand and motor of one drive.
 
     Args:
@@ -43,8 +43,8 @@ class Axis:
         self.homed = False
         """Whether the zero is known since power-on."""
         self._homing: Homing | None = None
-        self._cyclic = Cyclic()
-        self._generator: Generator = Hold()
+        self._cyclic = CyclicMotion()
+        self._generator: Generator = Standstill()
         self._next_profile: Profile | None = None
         self._word = 0
         self._hook()
@@ -83,16 +83,16 @@ class Axis:
         """Power stage on: holds the position it finds."""
         self.demand.position, self.demand.velocity = self.motor.position, 0.0
         self.powered = True
-        self._become(Hold())
+        self._become(Standstill())
 
     def release(self) -> None:
         """Power stage off: the motor coasts."""
         self.powered = False
-        self._become(Hold())
+        self._become(Standstill())
 
     def hold(self) -> None:
         """Stays at the demand as it is."""
-        self._become(Hold())
+        self._become(Standstill())
 
     def ramp(self, deceleration: Obj) -> None:
         """Slows down with the deceleration [rpm/s] an object holds."""
@@ -144,7 +144,7 @@ class Axis:
         self.homed = True
         home = self._dictionary[o.HOME_POSITION[self._drive.type]]
         self.count_from(home - self.following_error)
-        self._generator = Hold()
+        self._generator = Standstill()
 
     def count_from(self, position: float) -> None:
         """The encoder shows another position from now on; demand and motor stay where they are."""
@@ -188,15 +188,23 @@ class Axis:
         if mode not in _MODES[self._drive.type]:
             raise SdoAbortedError(OUT_OF_RANGE)
         if mode != self._dictionary[o.MODE]:
-            self._become(Hold())
+            self._become(Standstill())
 
     def _write_target(self, target: int) -> None:
-        if self.powered and self._dictionary[o.MODE] == o.MODE_CSP and isinstance(self._generator, Cyclic | Hold):
+        if (
+            self.powered
+            and self._dictionary[o.MODE] == o.MODE_CSP
+            and isinstance(self._generator, CyclicMotion | Standstill)
+        ):
             self._generator = self._cyclic
             self._cyclic.aim(target, self.demand, self._dictionary[o.IP_PERIOD_VALUE] * 1e-3)
 
     def _write_setting(self, target: int) -> None:
-        if self.powered and self._dictionary[o.MODE] == o.MODE_POSITION and isinstance(self._generator, Cyclic | Hold):
+        if (
+            self.powered
+            and self._dictionary[o.MODE] == o.MODE_POSITION
+            and isinstance(self._generator, CyclicMotion | Standstill)
+        ):
             self._generator = self._cyclic
             self._cyclic.aim(target, self.demand, 0.0)
 
@@ -205,7 +213,7 @@ class Axis:
             raise SdoAbortedError(WRONG_STATE)
         position, rpm, ms = unpack_record(raw.to_bytes(8, "little"))
         self.queue.limits = self._limits()
-        self.queue.push(Record(position, rpm * self._per_rpm, ms * 1e-3))
+        self.queue.push(PvtRecord(position, rpm * self._per_rpm, ms * 1e-3))
 
     def _write_clear(self, value: int) -> None:
         self.queue.clear(enable=bool(value))
@@ -249,7 +257,7 @@ class Axis:
         mode, generator = self._dictionary[o.MODE], self._generator
         settled = generator.done and abs(self.following_error) < 2
         if mode == o.MODE_CSP:
-            return BIT12 if isinstance(generator, Cyclic | Hold) else 0
+            return BIT12 if isinstance(generator, CyclicMotion | Standstill) else 0
         if mode == o.MODE_INTERPOLATED:
             return (BIT12 if self.queue.active else 0) | (TARGET_REACHED if settled else 0)
         if mode == o.MODE_HOMING:

@@ -10,14 +10,14 @@ from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.sim import nmt as nmt_module
-from drake_hand.epos.sim.axis import Axis
+from drake_hand.epos.sim.axis import SimulatedAxis
 from drake_hand.epos.sim.dictionary import NOT_STORED, Dictionary
-from drake_hand.epos.sim.faults import Fault
+from drake_hand.epos.sim.faults import InjectedFault
 from drake_hand.epos.sim.nmt import Nmt
 from drake_hand.epos.sim.pdo import PdoEngine
 from drake_hand.epos.sim.sdo import SdoServer
 from drake_hand.epos.sim.state import StateMachine
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 
 BUS_OFF = 0x81FD
 
@@ -50,7 +50,7 @@ class SimulatedDrive:
         self._send_frame, self._tell, self._rewire = send, tell, rewire
         self.dictionary = Dictionary(drive, serial)
         self._sdo = SdoServer(self.dictionary)
-        self.axis = Axis(drive, self.dictionary, position)
+        self.axis = SimulatedAxis(drive, self.dictionary, position)
         self.machine = StateMachine(drive, self.dictionary, self.axis, self._send, tell)
         self.nmt = Nmt(drive.node, self.dictionary, self._send, self.machine.fail)
         self.pdos = PdoEngine(self.dictionary, self._send, self.machine.fail)
@@ -140,7 +140,7 @@ class SimulatedDrive:
         if self.nmt.state == nmt_module.OPERATIONAL:
             self.pdos.housekeep(t)
 
-    def suffer(self, fault: Fault, t: float) -> None:
+    def suffer(self, fault: InjectedFault, t: float) -> None:
         """A fault of the drive itself begins."""
         motor = self.axis.motor
         if fault.kind == "emcy":
@@ -168,4 +168,4 @@ class SimulatedDrive:
     @property
     def moving(self) -> bool:
         """Whether it is enabled and its demand moves."""
-        return self.machine.state is State.OPERATION_ENABLED and not self.axis.resting
+        return self.machine.state is DriveState.OPERATION_ENABLED and not self.axis.resting

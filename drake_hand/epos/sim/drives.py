@@ -26,10 +26,10 @@ from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim import faults as fault_table
 from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drive import SimulatedDrive
-from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, Schedule
+from drake_hand.epos.sim.faults import FaultSchedule, FaultsFile, FrameFaults, InjectedFault
 from drake_hand.epos.sim.motor import Motor
 from drake_hand.epos.sim.timeline import Timeline
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 from drake_hand.errors import InputError
 from drake_hand.files import load, write_atomic
 
@@ -81,10 +81,12 @@ class SimulatedDrives:
             raise InputError("not a position of these joints", key="q", found=np.shape(q), expected=f"({n},)")
         counts = np.zeros(n) if q is None else drives.counts_from_joints(q)
         for i, fault in enumerate(faults.faults if faults else []):
-            fault_table.check(fault, drives, key=f"faults[{i}]")
+            fault_table.check_fault(fault, drives, key=f"faults[{i}]")
         self.drives = drives
         self._bus, self._settings, self._rng = bus, settings, rng
-        self._schedule = Schedule([fault_table.resolve(f, drives, rng) for f in faults.faults] if faults else [])
+        self._schedule = FaultSchedule(
+            [fault_table.draw_open_values(f, drives, rng) for f in faults.faults] if faults else []
+        )
         self._timeline = Timeline(log, drives)
         self._simulated = [
             SimulatedDrive(
@@ -105,7 +107,7 @@ class SimulatedDrives:
         self._marks: dict[str, float] = {}
         self._later: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
-        self._commands: queue.SimpleQueue[Fault] = queue.SimpleQueue()
+        self._commands: queue.SimpleQueue[InjectedFault] = queue.SimpleQueue()
         self._now = 0.0
         self._row_s, self._last_row = _ROW_SYNCS * drives.bus.sync_ms * 1e-3, 0.0
         self._stop = threading.Event()
@@ -167,13 +169,13 @@ class SimulatedDrives:
         """Whether they are being served."""
         return self._thread is not None and self._thread.is_alive()
 
-    def inject(self, fault: Fault) -> None:
+    def inject(self, fault: InjectedFault) -> None:
         """Lets a fault happen now; from any thread.
 
         Raises:
             InputError: no such joint.
         """
-        fault_table.check(fault, self.drives)
+        fault_table.check_fault(fault, self.drives)
         self._commands.put(fault)
 
     @property
@@ -182,7 +184,7 @@ class SimulatedDrives:
         return [s.axis.motor for s in self._simulated]
 
     @property
-    def states(self) -> dict[str, State]:
+    def states(self) -> dict[str, DriveState]:
         """State of each drive by joint; for tests."""
         return {s.drive.joint: s.machine.state for s in self._simulated}
 
@@ -230,7 +232,7 @@ class SimulatedDrives:
             if t - self._last_row >= self._row_s:
                 self._record(synced=False)
         while not self._commands.empty():
-            self._begin(fault_table.resolve(self._commands.get(), self.drives, self._rng))
+            self._begin(fault_table.draw_open_values(self._commands.get(), self.drives, self._rng))
 
     def _pass_time(self, t: float) -> None:
         """Advances all drives to t, with heartbeats and changed PDOs, and begins the faults that are due."""
@@ -240,7 +242,7 @@ class SimulatedDrives:
                 drive.advance(dt)
             drive.housekeep(t)
         if "motion" not in self._marks:
-            if any(s.machine.state is State.OPERATION_ENABLED for s in self._simulated):
+            if any(s.machine.state is DriveState.OPERATION_ENABLED for s in self._simulated):
                 self._mark("enabled")
             if any(s.moving for s in self._simulated):
                 self._mark("motion")
@@ -301,7 +303,7 @@ class SimulatedDrives:
             self._marks[what] = self._now
             self._timeline.event(self._now, "mark", "", what)
 
-    def _begin(self, fault: Fault) -> None:
+    def _begin(self, fault: InjectedFault) -> None:
         for i, drive in enumerate(self._simulated):
             if fault.joint not in ("all", drive.drive.joint):
                 continue

@@ -41,7 +41,7 @@ _Probability = Annotated[float, Meta(ge=0, le=1)]
 _Seconds = Annotated[float, Meta(ge=0)]
 
 
-class Fault(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class InjectedFault(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """One fault, now or later."""
 
     kind: Literal[
@@ -88,7 +88,7 @@ class Fault(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
 class FaultsFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A faults.yaml file."""
 
-    faults: list[Fault]
+    faults: list[InjectedFault]
 
     @classmethod
     def load(cls, path: Path, drives: Drives) -> FaultsFile:
@@ -99,11 +99,11 @@ class FaultsFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
         """
         file = load(path, cls)
         for i, fault in enumerate(file.faults):
-            check(fault, drives, file=path, key=f"faults[{i}]")
+            check_fault(fault, drives, file=path, key=f"faults[{i}]")
         return file
 
 
-def check(fault: Fault, drives: Drives, *, file: Path | None = None, key: str = "") -> None:
+def check_fault(fault: InjectedFault, drives: Drives, *, file: Path | None = None, key: str = "") -> None:
     """Refuses a fault of a joint that is not there, or of a moment given twice.
 
     Raises:
@@ -125,7 +125,7 @@ def check(fault: Fault, drives: Drives, *, file: Path | None = None, key: str = 
         )
 
 
-def resolve(fault: Fault, drives: Drives, rng: np.random.Generator) -> Fault:
+def draw_open_values(fault: InjectedFault, drives: Drives, rng: np.random.Generator) -> InjectedFault:
     """Draws what the fault leaves open: the joint and the moment."""
     joint = str(rng.choice(drives.joints)) if fault.joint == "any" else fault.joint
     at_s = float(rng.uniform(*fault.between_s)) if fault.between_s else fault.at_s
@@ -146,9 +146,9 @@ class FrameFaults:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._active: list[tuple[Fault, float]] = []
+        self._active: list[tuple[InjectedFault, float]] = []
 
-    def add(self, fault: Fault, t: float) -> None:
+    def add(self, fault: InjectedFault, t: float) -> None:
         """Begins at time t."""
         self._active.append((fault, math.inf if fault.duration_s is None else t + fault.duration_s))
 
@@ -172,17 +172,17 @@ class FrameFaults:
         return copies
 
 
-class Schedule:
+class FaultSchedule:
     """Faults that wait for their moment.
 
     Args:
         faults: resolved, with `at_s`.
     """
 
-    def __init__(self, faults: list[Fault]) -> None:
+    def __init__(self, faults: list[InjectedFault]) -> None:
         self._waiting = faults
 
-    def due(self, marks: dict[str, float], t: float) -> list[Fault]:
+    def due(self, marks: dict[str, float], t: float) -> list[InjectedFault]:
         """Takes out those whose moment has come.
 
         Args:

@@ -22,7 +22,7 @@ GONE_LOOKS = 300
 stood still, the master did, too."""
 
 
-class World(Protocol):
+class DrivenWorld(Protocol):
     """What the motors move."""
 
     def advance(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -30,7 +30,7 @@ class World(Protocol):
 
 
 def serve_in_step(
-    simulated: SimulatedDrives, bus: can.BusABC, clock: SharedClock, world: World, stop: threading.Event
+    simulated: SimulatedDrives, bus: can.BusABC, clock: SharedClock, world: DrivenWorld, stop: threading.Event
 ) -> None:
     """Serves drives on a bus, a step at a time, until `stop`.
 

@@ -29,7 +29,7 @@ class Generator(Protocol):
         """Advances by dt seconds."""
 
 
-class Hold:
+class Standstill:
     """Stays where the demand is."""
 
     done = True
@@ -123,7 +123,7 @@ class Homing:
             demand.position += demand.velocity * dt
 
 
-class Cyclic:
+class CyclicMotion:
     """Follows targets, reaching each within the interpolation time; a time of 0 jumps (maxon's position mode).
 
     A time other than the SYNC period makes speed steps within each period, as on the drive.

@@ -1,7 +1,7 @@
 """Simulated drives in a process of their own: for ``drives simulate``, and as a child that dies with its parent.
 
-Commands are lines of JSON on standard input, one `Fault` each (see `faults`); a line that is wrong is answered on
-standard error. The child's first line of input is its `Setup`, its one line of output says that it is ready.
+Commands are lines of JSON on standard input, one `InjectedFault` each (see `faults`); a wrong line is answered on
+standard error. The child's first line of input is its `DrivesSetup`, its one line of output says that it is ready.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from drake_hand.epos.bus import UDP_GROUP, BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.sim.drives import SimulatedDrives
-from drake_hand.epos.sim.faults import Fault, FaultsFile
+from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
 from drake_hand.errors import DrakeHandError, DriveError
 from drake_hand.files import convert
 
@@ -37,7 +37,7 @@ _Setup = TypeVar("_Setup", bound=msgspec.Struct)
 _END_S, _LOOK_S = 5.0, 0.2
 
 
-class Setup(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class DrivesSetup(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """What a child simulates."""
 
     drives: str
@@ -45,7 +45,7 @@ class Setup(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     q: list[float] | None
     zeroed: bool
     log: str | None
-    faults: list[Fault]
+    faults: list[InjectedFault]
     seed: int
 
 
@@ -63,7 +63,7 @@ class SpawnedDrives:
         return BusSpec().open(self.interface, self.channel)
 
     def inject(self, fault: msgspec.Struct) -> None:
-        """Lets a fault happen now: a `Fault`, or what else they know to suffer."""
+        """Lets a fault happen now: a `InjectedFault`, or what else they know to suffer."""
         assert self.process.stdin is not None
         self.process.stdin.write(msgspec.json.encode(fault) + b"\n")
         self.process.stdin.flush()
@@ -93,7 +93,7 @@ def spawn_simulated_drives(
         DriveError: the child did not get ready.
     """
     channel = free_channel()
-    setup = Setup(
+    setup = DrivesSetup(
         drives=str(drives.file),
         channel=channel,
         q=None if q is None else np.asarray(q, float).tolist(),
@@ -176,7 +176,7 @@ def free_channel() -> str:
         return f"{UDP_GROUP}:{s.getsockname()[1]}"
 
 
-def listen(take: Callable[[dict], None], commands: RawIOBase, ended: threading.Event) -> None:
+def read_commands(take: Callable[[dict], None], commands: RawIOBase, ended: threading.Event) -> None:
     """Hands on what comes in as JSON lines; sets `ended` when no more can come."""
     for line in commands:
         try:
@@ -193,7 +193,7 @@ def inject(simulated: SimulatedDrives, command: dict) -> None:
     Raises:
         InputError: it is none.
     """
-    simulated.inject(convert(command, Fault, file="(standard input)"))
+    simulated.inject(convert(command, InjectedFault, file="(standard input)"))
 
 
 def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event, *, until_eof: bool) -> None:
@@ -207,13 +207,13 @@ def serve(simulated: SimulatedDrives, commands: RawIOBase, stop: threading.Event
     """
     ended = stop if until_eof else threading.Event()
     take = partial(inject, simulated)
-    threading.Thread(target=listen, args=(take, commands, ended), name="fault commands", daemon=True).start()
+    threading.Thread(target=read_commands, args=(take, commands, ended), name="fault commands", daemon=True).start()
     while simulated.running and not stop.wait(_LOOK_S):
         pass
 
 
 def _child() -> int:
-    commands, setup = begin(Setup)
+    commands, setup = begin(DrivesSetup)
     try:
         drives = Drives.load(setup.drives)
         with drives.bus.open("udp_multicast", setup.channel) as bus:

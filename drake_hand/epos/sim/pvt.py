@@ -26,7 +26,7 @@ class Limits:
 
 
 @dataclass(slots=True)
-class Record:
+class PvtRecord:
     """Position [counts] and speed [counts/s] at a moment; seconds to the next record, 0 at the last."""
 
     position: float
@@ -34,7 +34,7 @@ class Record:
     time: float
 
 
-def cubic(a: Record, b: Record, t: float) -> tuple[float, float]:
+def cubic(a: PvtRecord, b: PvtRecord, t: float) -> tuple[float, float]:
     """Position and speed t seconds into the cubic from a to b."""
     T = a.time
     d = (b.position - a.position) / T
@@ -43,7 +43,7 @@ def cubic(a: Record, b: Record, t: float) -> tuple[float, float]:
     return a.position + t * (a.velocity + t * (c2 + t * c3)), a.velocity + t * (2 * c2 + 3 * c3 * t)
 
 
-def end_accelerations(a: Record, b: Record) -> tuple[float, float]:
+def end_accelerations(a: PvtRecord, b: PvtRecord) -> tuple[float, float]:
     """Acceleration at both ends of the cubic from a to b, where it is largest."""
     T = a.time
     d = (b.position - a.position) / T
@@ -56,7 +56,7 @@ class PvtQueue:
     def __init__(self) -> None:
         self.limits = Limits(4, 60, float("inf"), float("inf"), float("inf"), float("inf"))
         self.active = self.done = False
-        self._records: deque[Record] = deque()
+        self._records: deque[PvtRecord] = deque()
         self._enabled = False
         self._flags = 0
         self._into = 0.0
@@ -91,7 +91,7 @@ class PvtQueue:
         self._records.clear()
         self._flags, self._enabled, self._into = 0, enable, 0.0
 
-    def push(self, record: Record) -> None:
+    def push(self, record: PvtRecord) -> None:
         """Takes a record, as far as it fits and input is enabled; sets warnings and errors."""
         if not self._enabled:
             return

@@ -13,12 +13,12 @@ from drake_hand.epos import objects as o
 from drake_hand.epos.drives import Drive
 from drake_hand.epos.objects import Obj
 from drake_hand.epos.pdo import EMCY_BASE
-from drake_hand.epos.sim.axis import Axis
+from drake_hand.epos.sim.axis import SimulatedAxis
 from drake_hand.epos.sim.dictionary import Dictionary
-from drake_hand.epos.state import HOMED, REMOTE, Control, State, status_bits
+from drake_hand.epos.state import HOMED, REMOTE, Control, DriveState, status_bits
 
-_READY, _ON, _ENABLED = State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
-_OFF, _QUICK = State.SWITCH_ON_DISABLED, State.QUICK_STOP_ACTIVE
+_READY, _ON, _ENABLED = DriveState.READY_TO_SWITCH_ON, DriveState.SWITCHED_ON, DriveState.OPERATION_ENABLED
+_OFF, _QUICK = DriveState.SWITCH_ON_DISABLED, DriveState.QUICK_STOP_ACTIVE
 _REGISTER_BIT = {0x2: 1, 0x3: 2, 0x4: 3, 0x7: 5, 0x81: 4, 0x82: 4, 0x86: 7, 0x8A: 7, 0xFF: 7}
 
 
@@ -37,13 +37,13 @@ class StateMachine:
         self,
         drive: Drive,
         dictionary: Dictionary,
-        axis: Axis,
+        axis: SimulatedAxis,
         send: Callable[[int, bytes], None],
         tell: Callable[[str, str], None],
     ) -> None:
         self._drive, self._dictionary, self._axis, self._send, self._tell = drive, dictionary, axis, send, tell
-        self.state = State.NOT_READY
-        self._then: State | None = None
+        self.state = DriveState.NOT_READY
+        self._then: DriveState | None = None
         self._word = 0
         self._errors: list[int] = []
         dictionary.hook(o.CONTROLWORD, write=self.control)
@@ -72,7 +72,7 @@ class StateMachine:
         if word & ~before & Control.FAULT_RESET:
             self._reset_fault()
             return
-        if self.state.faulty or self.state is State.NOT_READY:
+        if self.state.faulty or self.state is DriveState.NOT_READY:
             return
         if not word & 0x02:
             if self.state is not _OFF:
@@ -97,7 +97,7 @@ class StateMachine:
         elif self.state is _ENABLED and self._then is None:
             self._axis.command(word)
 
-    def _go(self, state: State) -> None:
+    def _go(self, state: DriveState) -> None:
         before, self.state, self._then = self.state, state, None
         if state is _ENABLED:
             self._axis.hold() if before is _QUICK else self._axis.power()
@@ -106,7 +106,7 @@ class StateMachine:
         if state is not before:
             self._tell("state", state.value)
 
-    def _leave(self, to: State, option: Obj) -> None:
+    def _leave(self, to: DriveState, option: Obj) -> None:
         """Ends the operation: at once, or on the slow-down ramp."""
         if self._dictionary[option] == 0:
             self._go(to)
@@ -133,7 +133,7 @@ class StateMachine:
         self._emcy(code)
         kind = o.reaction(code)
         if kind == "disable":
-            self._go(State.FAULT)
+            self._go(DriveState.FAULT)
         elif kind == "fault":
             self._fault()
         else:
@@ -154,14 +154,14 @@ class StateMachine:
         if self.state.faulty:
             return
         if not self.state.powered or option == 0:
-            self._go(State.FAULT)
+            self._go(DriveState.FAULT)
             return
-        self._go(State.FAULT_REACTION)
+        self._go(DriveState.FAULT_REACTION)
         self._axis.ramp(o.PROFILE_DECELERATION if option == 1 else o.QUICK_STOP_DECELERATION)
-        self._then = State.FAULT
+        self._then = DriveState.FAULT
 
     def _reset_fault(self) -> None:
-        if self.state is State.FAULT:
+        if self.state is DriveState.FAULT:
             self._go(_OFF)
         if not self.state.faulty and self._dictionary[o.ERROR_REGISTER]:
             self._dictionary[o.ERROR_REGISTER] = 0

@@ -1,7 +1,7 @@
 """Timeline of simulated drives: JSON lines of status words and positions at each SYNC, and of what happened between.
 
 The first line is a `Header`; a line with ``status`` is a `Row`, at a SYNC or (``sync`` null) where none came for a
-while; every other line is an `Event`. Times are bus times, s since the epoch.
+while; every other line is an `TimelineEvent`. Times are bus times, s since the epoch.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Row(msgspec.Struct, kw_only=True):
     demand: list[float]
 
 
-class Event(msgspec.Struct, kw_only=True):
+class TimelineEvent(msgspec.Struct, kw_only=True):
     """What happened at a drive (or to all: joint empty)."""
 
     t: float
@@ -83,7 +83,7 @@ class Timeline:
 
     def event(self, t: float, event: str, joint: str, what: str) -> None:
         """Something happened."""
-        self._write(Event(t=t, event=event, joint=joint, what=what))
+        self._write(TimelineEvent(t=t, event=event, joint=joint, what=what))
         if self._out:
             self._out.flush()
 
@@ -94,7 +94,7 @@ class Timeline:
             self._out = None
 
 
-def read_timeline(file: Path) -> tuple[Header, list[Row], list[Event]]:
+def read_timeline(file: Path) -> tuple[Header, list[Row], list[TimelineEvent]]:
     """Reads a timeline; an unfinished last line is left out.
 
     Raises:
@@ -104,7 +104,7 @@ def read_timeline(file: Path) -> tuple[Header, list[Row], list[Event]]:
     try:
         header = msgspec.json.decode(lines[0], type=Header)
         rows = [msgspec.json.decode(x, type=Row) for x in lines[1:] if b'"status"' in x]
-        events = [msgspec.json.decode(x, type=Event) for x in lines[1:] if b'"status"' not in x]
+        events = [msgspec.json.decode(x, type=TimelineEvent) for x in lines[1:] if b'"status"' not in x]
     except (IndexError, msgspec.MsgspecError) as e:
         raise InputError("not a timeline of simulated drives", file=file, found=str(e)) from e
     return header, rows, events

@@ -3,7 +3,7 @@ from sim_bench import MASTER, Bench
 
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
-from drake_hand.epos.state import BIT12, TARGET_REACHED, State, decode_state
+from drake_hand.epos.state import BIT12, TARGET_REACHED, DriveState, decode_state
 
 KINDS = ["epos1", "epos2", "epos4"]
 
@@ -18,7 +18,7 @@ def test_boots_up_and_tells_who_it_is(one):
     assert bench.bus.sent == [(0x701, b"\0")]
     assert bench.read(1, o.VENDOR) == 0xFB
     assert bench.read(1, o.PRODUCT) == 0x61500000
-    assert bench.state(1) is State.SWITCH_ON_DISABLED
+    assert bench.state(1) is DriveState.SWITCH_ON_DISABLED
 
 
 # --- SDO
@@ -85,7 +85,7 @@ def test_reset_boots_up_with_what_was_saved(one):
     bench.write(1, o.CONTROLWORD, 6)
     assert bench.send(0, b"\x81\1") == [(0x701, b"\0")]
     assert bench.read(1, o.FOLLOWING_WINDOW) == 77
-    assert bench.state(1) is State.SWITCH_ON_DISABLED
+    assert bench.state(1) is DriveState.SWITCH_ON_DISABLED
     assert bench.write(1, o.STORE_ALL, 1234) == 0x08000020
     bench.write(1, o.RESTORE_ALL, o.LOAD_SIGNATURE)
     bench.send(0, b"\x81\0")
@@ -123,15 +123,15 @@ def test_command_waits_for_sync_and_status_is_sampled_before(one):
     bench.map(1)
     bench.send(0, b"\1\0")
     bench.send(0x201, b"\6\0")
-    assert bench.state(1) is State.SWITCH_ON_DISABLED
+    assert bench.state(1) is DriveState.SWITCH_ON_DISABLED
     word, position, used = bench.sync()[1]
-    assert (decode_state(word, "epos2"), position, used) == (State.SWITCH_ON_DISABLED, 0, 0)
-    assert bench.state(1) is State.READY_TO_SWITCH_ON
+    assert (decode_state(word, "epos2"), position, used) == (DriveState.SWITCH_ON_DISABLED, 0, 0)
+    assert bench.state(1) is DriveState.READY_TO_SWITCH_ON
     # the stop PDO does not wait, and what was latched is used up
     bench.send(0x501, b"\0\0")
-    assert bench.state(1) is State.SWITCH_ON_DISABLED
+    assert bench.state(1) is DriveState.SWITCH_ON_DISABLED
     bench.sync()
-    assert bench.state(1) is State.SWITCH_ON_DISABLED
+    assert bench.state(1) is DriveState.SWITCH_ON_DISABLED
 
 
 def test_a_short_pdo_is_an_error(one):
@@ -149,10 +149,10 @@ def test_epos4_notices_that_its_commands_stay_away(one):
     for _ in range(5):
         bench.send(0x201, pdo.LAYOUT["epos4"].command.pack(0x0F, 0))
         bench.sync()
-    assert bench.state(1) is State.OPERATION_ENABLED
+    assert bench.state(1) is DriveState.OPERATION_ENABLED
     bench.sync(8)
     assert bench.emcys() == [(1, 0x8250)]
-    assert bench.state(1) is State.QUICK_STOP_ACTIVE
+    assert bench.state(1) is DriveState.QUICK_STOP_ACTIVE
 
 
 # --- CiA 402
@@ -162,14 +162,14 @@ def test_epos4_notices_that_its_commands_stay_away(one):
 def test_walks_through_its_states(one, kind):
     bench = one(kind)
     for word, state in [
-        (0x07, State.SWITCH_ON_DISABLED),
-        (0x06, State.READY_TO_SWITCH_ON),
-        (0x07, State.SWITCHED_ON),
-        (0x06, State.READY_TO_SWITCH_ON),
-        (0x0F, State.OPERATION_ENABLED),
-        (0x02, State.QUICK_STOP_ACTIVE),
-        (0x0F, State.OPERATION_ENABLED),
-        (0x00, State.SWITCH_ON_DISABLED),
+        (0x07, DriveState.SWITCH_ON_DISABLED),
+        (0x06, DriveState.READY_TO_SWITCH_ON),
+        (0x07, DriveState.SWITCHED_ON),
+        (0x06, DriveState.READY_TO_SWITCH_ON),
+        (0x0F, DriveState.OPERATION_ENABLED),
+        (0x02, DriveState.QUICK_STOP_ACTIVE),
+        (0x0F, DriveState.OPERATION_ENABLED),
+        (0x00, DriveState.SWITCH_ON_DISABLED),
     ]:
         bench.write(1, o.CONTROLWORD, word)
         assert bench.state(1) is state
@@ -179,14 +179,14 @@ def test_disabling_slows_down_first_and_shutdown_does_not(one):
     bench = one()
     bench.enable(mode=o.MODE_PROFILE)
     bench.write(1, o.PROFILE_DECELERATION, 5000)
-    for word, state in ((0x07, State.SWITCHED_ON), (0x06, State.READY_TO_SWITCH_ON)):
+    for word, state in ((0x07, DriveState.SWITCHED_ON), (0x06, DriveState.READY_TO_SWITCH_ON)):
         bench.write(1, o.CONTROLWORD, 0x0F)
         bench.write(1, o.TARGET_POSITION, 100_000)
         bench.write(1, o.CONTROLWORD, 0x3F)
         bench.wait(0.5)
         bench.write(1, o.CONTROLWORD, word)
         # 1000 rpm at 5000 rpm/s take 0.2 s
-        assert bench.state(1) is (State.OPERATION_ENABLED if word == 0x07 else state)
+        assert bench.state(1) is (DriveState.OPERATION_ENABLED if word == 0x07 else state)
         bench.wait(0.25)
         assert bench.state(1) is state
 
@@ -194,9 +194,9 @@ def test_disabling_slows_down_first_and_shutdown_does_not(one):
 @pytest.mark.parametrize(
     ("code", "at_once", "later"),
     [
-        (0x2310, State.FAULT, State.FAULT),
-        (0x8611, State.FAULT_REACTION, State.FAULT),
-        (0x8130, State.QUICK_STOP_ACTIVE, State.QUICK_STOP_ACTIVE),
+        (0x2310, DriveState.FAULT, DriveState.FAULT),
+        (0x8611, DriveState.FAULT_REACTION, DriveState.FAULT),
+        (0x8130, DriveState.QUICK_STOP_ACTIVE, DriveState.QUICK_STOP_ACTIVE),
     ],
 )
 def test_three_classes_of_errors(one, code, at_once, later):
@@ -216,7 +216,7 @@ def test_three_classes_of_errors(one, code, at_once, later):
     # fault reset acts on the rising edge, and never enables
     bench.write(1, o.CONTROLWORD, 0x80)
     assert bench.read(1, o.ERROR_REGISTER) == 0
-    assert bench.state(1) is (State.QUICK_STOP_ACTIVE if code == 0x8130 else State.SWITCH_ON_DISABLED)
+    assert bench.state(1) is (DriveState.QUICK_STOP_ACTIVE if code == 0x8130 else DriveState.SWITCH_ON_DISABLED)
     assert bench.emcys()[-1] == (1, 0)
     assert bench.write(1, o.ERROR_HISTORY_COUNT, 0) == 0
     assert bench.read(1, o.error_history(1)) == 0
@@ -236,10 +236,10 @@ def test_lost_master_is_met_by_the_abort_option(one, option, state):
     bench.wait(0.05)
     assert bench.emcys() == [(1, 0x8130)]
     expected = {
-        "ENABLED": State.OPERATION_ENABLED,
-        "FAULT": State.FAULT,
-        "OFF": State.SWITCH_ON_DISABLED,
-        "QUICK": State.QUICK_STOP_ACTIVE,
+        "ENABLED": DriveState.OPERATION_ENABLED,
+        "FAULT": DriveState.FAULT,
+        "OFF": DriveState.SWITCH_ON_DISABLED,
+        "QUICK": DriveState.QUICK_STOP_ACTIVE,
     }
     bench.wait(0.1)
     assert bench.state(1) is expected[state]
@@ -307,7 +307,7 @@ def test_pvt_queue_that_runs_dry_faults(one):
     bench.sync(13)
     assert bench.emcys() == [(1, 0xFF0C)]
     bench.sync(10)
-    assert bench.state(1) is State.FAULT
+    assert bench.state(1) is DriveState.FAULT
     assert "underflow error" in o.ip_status_words(bench.read(1, o.IP_STATUS))
 
 

@@ -16,10 +16,10 @@ from canopen.profiles.p402 import BaseNode402
 from drake_hand.epos import objects as o
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
-from drake_hand.epos.sim.faults import Fault, FaultsFile
+from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
 from drake_hand.epos.sim.process import spawn_simulated_drives
 from drake_hand.epos.sim.timeline import read_timeline
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 from drake_hand.errors import DriveError, InputError
 
 pytestmark = pytest.mark.clocked
@@ -80,7 +80,7 @@ def test_canopens_own_node402_drives_it_through_its_states_and_a_move(network):
         for state in ("SWITCH ON DISABLED", "READY TO SWITCH ON", "SWITCHED ON", "OPERATION ENABLED"):
             node.state = state
             assert node.state == state
-        assert simulated.states["middle_abduction"] is State.OPERATION_ENABLED
+        assert simulated.states["middle_abduction"] is DriveState.OPERATION_ENABLED
         node.sdo[0x607A].raw = 300
         node.controlword = 0x1F
         end = time.monotonic() + 3.0
@@ -89,12 +89,12 @@ def test_canopens_own_node402_drives_it_through_its_states_and_a_move(network):
         assert node.tpdo_values[0x6064] == 300
         assert node.sdo[0x6041].raw & 0x400
         node.state = "QUICK STOP ACTIVE"
-        simulated.inject(Fault(kind="emcy", joint="middle_abduction", code=0x2310))
+        simulated.inject(InjectedFault(kind="emcy", joint="middle_abduction", code=0x2310))
         assert node.emcy.wait(0x2310, timeout=2.0) is not None
         while not node.is_faulted():
             node.check_statusword()
         node.state = "SWITCH ON DISABLED"
-        assert simulated.states["middle_abduction"] is State.SWITCH_ON_DISABLED
+        assert simulated.states["middle_abduction"] is DriveState.SWITCH_ON_DISABLED
     finally:
         node.rpdo[1].stop()
         net.sync.stop()
@@ -160,12 +160,12 @@ READ_STATUS = bytes([0x40, 0x41, 0x60, 0]) + bytes(4)
 
 def test_child_serves_a_bus_of_its_own_and_ends_with_its_parent(tmp_path):
     log = tmp_path / "log.jsonl"
-    faults = FaultsFile(faults=[Fault(kind="emcy", joint="ring_pip", since="boot")])
+    faults = FaultsFile(faults=[InjectedFault(kind="emcy", joint="ring_pip", since="boot")])
     with spawn_simulated_drives(KANGUERA, q=np.full(15, 0.3), log=log, faults=faults) as spawned:
         with spawned.open_bus() as bus:
             assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x83"
             assert ask(bus, 0x606, READ_STATUS, 0x586)[4:6] == b"\x08\x83"
-            spawned.inject(Fault(kind="emcy", joint="little_abduction", code=0x8611))
+            spawned.inject(InjectedFault(kind="emcy", joint="little_abduction", code=0x8611))
             end = time.monotonic() + 3.0
             while ask(bus, 0x601, READ_STATUS, 0x581)[4:6] != b"\x08\x83":
                 assert time.monotonic() < end

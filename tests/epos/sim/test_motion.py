@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_hand.epos.sim.motion import Cyclic, Demand, Profile, Ramp
+from drake_hand.epos.sim.motion import CyclicMotion, Demand, Profile, Ramp
 from drake_hand.epos.sim.motor import COAST_S, LAG_S, MAX_ACCELERATION_RAD_S2, Motor
 
 H = 1e-3
@@ -47,7 +47,7 @@ def test_ramp_takes_the_distance_of_the_text_book():
 
 
 def test_cyclic_targets_make_a_straight_line_when_the_period_fits():
-    demand, cyclic = Demand(), Cyclic()
+    demand, cyclic = Demand(), CyclicMotion()
     rows = []
     for k in range(1, 20):
         cyclic.aim(10.0 * k, demand, 0.01)
@@ -58,7 +58,7 @@ def test_cyclic_targets_make_a_straight_line_when_the_period_fits():
 
 
 def test_a_target_is_reached_exactly_whatever_the_step():
-    demand, cyclic = Demand(), Cyclic()
+    demand, cyclic = Demand(), CyclicMotion()
     cyclic.aim(10.0, demand, 0.01)
     for _ in range(5):
         cyclic.step(demand, 0.003)
@@ -66,7 +66,7 @@ def test_a_target_is_reached_exactly_whatever_the_step():
 
 
 def test_a_wrong_interpolation_time_shakes_the_axis():
-    demand, cyclic = Demand(), Cyclic()
+    demand, cyclic = Demand(), CyclicMotion()
     cyclic.aim(10.0, demand, 0.001)
     rows = run(cyclic, demand, 10)
     assert rows[0, 1] == pytest.approx(10_000.0)

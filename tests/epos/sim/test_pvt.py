@@ -18,7 +18,7 @@ from drake_hand.epos.sim.pvt import (
     VELOCITY_WARNING,
     Limits,
     PvtQueue,
-    Record,
+    PvtRecord,
     cubic,
     end_accelerations,
 )
@@ -31,7 +31,7 @@ coefficients = st.lists(st.floats(-100, 100), min_size=4, max_size=4)
 def test_cubic_reproduces_any_cubic(c, T, s):
     p = np.polynomial.Polynomial(c)
     v, a = p.deriv(), p.deriv(2)
-    start, end = Record(p(0), v(0), T), Record(p(T), v(T), 0.1)
+    start, end = PvtRecord(p(0), v(0), T), PvtRecord(p(T), v(T), 0.1)
     assert cubic(start, end, s * T) == pytest.approx((p(s * T), v(s * T)), abs=1e-6)
     assert end_accelerations(start, end) == pytest.approx((a(0), a(T)), abs=1e-4)
 
@@ -45,7 +45,7 @@ def queue():
 
 def fill(queue, n, ms=10, last=False):
     for k in range(n):
-        queue.push(Record(k, 100.0, 0.0 if last and k == n - 1 else ms * 1e-3))
+        queue.push(PvtRecord(k, 100.0, 0.0 if last and k == n - 1 else ms * 1e-3))
 
 
 def play(queue, demand, seconds):
@@ -102,12 +102,12 @@ def test_the_sixty_fifth_record_is_an_overflow(queue):
 
 def test_speed_and_acceleration_are_watched(queue):
     queue.limits = Limits(4, 60, 50.0, 150.0, 1000.0, 5000.0)
-    queue.push(Record(0, 0, 0.1))
+    queue.push(PvtRecord(0, 0, 0.1))
     assert queue.status == ENABLED
-    queue.push(Record(4, 100, 0.1))
+    queue.push(PvtRecord(4, 100, 0.1))
     # 0 to 100 counts/s over 4 counts in 0.1 s: 6 d - 4 v0 - 2 v1 over T, by hand
     assert queue.status == ENABLED | VELOCITY_WARNING | ACCELERATION_WARNING
-    queue.push(Record(5, 200, 0.1))
+    queue.push(PvtRecord(5, 200, 0.1))
     assert queue.status & VELOCITY
     assert queue.status & ACCELERATION
 

@@ -4,9 +4,9 @@ from sim_bench import MASTER, Bench
 
 from drake_hand.epos import objects as o
 from drake_hand.epos import pdo
-from drake_hand.epos.sim.faults import Fault, FaultsFile, FrameFaults, kind_of, resolve
+from drake_hand.epos.sim.faults import FaultsFile, FrameFaults, InjectedFault, draw_open_values, kind_of
 from drake_hand.epos.sim.timeline import read_timeline, rows_as_arrays
-from drake_hand.epos.state import State
+from drake_hand.epos.state import DriveState
 from drake_hand.errors import InputError
 
 
@@ -39,11 +39,11 @@ def test_kinds_of_frames():
 def test_frames_are_lost_late_or_doubled():
     frames = FrameFaults(np.random.default_rng(1))
     assert frames.delays("tx", 0x181, 0.0) == [0.0]
-    frames.add(Fault(kind="duplicate", frames=["status"]), 0.0)
-    frames.add(Fault(kind="late", delay_ms=30, direction="rx"), 0.0)
+    frames.add(InjectedFault(kind="duplicate", frames=["status"]), 0.0)
+    frames.add(InjectedFault(kind="late", delay_ms=30, direction="rx"), 0.0)
     assert frames.delays("tx", 0x181, 0.0) == [0.0, 0.0]
     assert frames.delays("rx", 0x201, 0.0) == [0.03]
-    frames.add(Fault(kind="lost", probability=0.25, duration_s=1.0), 0.0)
+    frames.add(InjectedFault(kind="lost", probability=0.25, duration_s=1.0), 0.0)
     lost = sum(frames.delays("tx", 0x701, 0.5) == [] for _ in range(2000))
     assert 400 < lost < 600
     assert frames.delays("tx", 0x701, 1.5) == [0.0]
@@ -51,8 +51,8 @@ def test_frames_are_lost_late_or_doubled():
 
 def test_what_is_open_is_drawn_by_the_seed(three):
     drives = three().drives
-    fault = Fault(kind="stuck", between_s=(1.0, 2.0))
-    drawn = [resolve(fault, drives, np.random.default_rng(s)) for s in (1, 1, 2, 3, 4)]
+    fault = InjectedFault(kind="stuck", between_s=(1.0, 2.0))
+    drawn = [draw_open_values(fault, drives, np.random.default_rng(s)) for s in (1, 1, 2, 3, 4)]
     assert drawn[0] == drawn[1]
     assert len({f.joint for f in drawn}) > 1
     assert all(1.0 <= f.at_s <= 2.0 for f in drawn)
@@ -84,7 +84,7 @@ def run(bench, n, nodes=(1, 2, 3)):
 
 
 def test_a_schedule_waits_for_the_motion(three):
-    schedule = FaultsFile(faults=[Fault(kind="emcy", joint="j2", code=0x3210, at_s=0.2)])
+    schedule = FaultsFile(faults=[InjectedFault(kind="emcy", joint="j2", code=0x3210, at_s=0.2)])
     bench = three(faults=schedule)
     bench.sync(50)
     assert bench.emcys() == []
@@ -92,14 +92,18 @@ def test_a_schedule_waits_for_the_motion(three):
     assert bench.emcys() == []
     run(bench, 15)
     assert bench.emcys() == [(2, 0x3210)]
-    assert [bench.state(n) for n in (1, 2, 3)] == [State.OPERATION_ENABLED, State.FAULT, State.OPERATION_ENABLED]
+    assert [bench.state(n) for n in (1, 2, 3)] == [
+        DriveState.OPERATION_ENABLED,
+        DriveState.FAULT,
+        DriveState.OPERATION_ENABLED,
+    ]
 
 
 def test_a_drive_in_fault_at_start(three, tmp_path):
-    schedule = FaultsFile(faults=[Fault(kind="emcy", joint="j1", since="boot")])
+    schedule = FaultsFile(faults=[InjectedFault(kind="emcy", joint="j1", since="boot")])
     bench = Bench(tmp_path, ["epos2"], faults=schedule)
     bench.wait(0.1)
-    assert bench.state(1) is State.FAULT
+    assert bench.state(1) is DriveState.FAULT
 
 
 @pytest.mark.parametrize("kind", ["following_error", "stuck"])
@@ -107,7 +111,7 @@ def test_motor_faults_grow_into_following_errors(three, kind):
     bench = three()
     bench.write(2, o.FOLLOWING_WINDOW, 40)
     run(bench, 5)
-    bench.sim.inject(Fault(kind=kind, joint="j2"))
+    bench.sim.inject(InjectedFault(kind=kind, joint="j2"))
     run(bench, 8)
     assert bench.emcys() == []
     assert bench.read(2, o.FOLLOWING_ERROR["epos4"]) != 0
@@ -117,15 +121,15 @@ def test_motor_faults_grow_into_following_errors(three, kind):
 
 def test_a_silent_drive_is_heard_again_when_cleared(three):
     bench = three()
-    bench.sim.inject(Fault(kind="lost", joint="j3"))
+    bench.sim.inject(InjectedFault(kind="lost", joint="j3"))
     assert set(run(bench, 3)) == {1, 2}
-    bench.sim.inject(Fault(kind="clear", joint="j3"))
+    bench.sim.inject(InjectedFault(kind="clear", joint="j3"))
     assert set(run(bench, 1)) == {1, 2, 3}
 
 
 def test_late_status_comes_late(three):
     bench = three()
-    bench.sim.inject(Fault(kind="late", joint="j1", frames=["status"], delay_ms=4))
+    bench.sim.inject(InjectedFault(kind="late", joint="j1", frames=["status"], delay_ms=4))
     assert set(run(bench, 1)) == {2, 3}
     bench.t += 0.003
     bench.sim.step(bench.t)
@@ -138,10 +142,10 @@ def test_late_status_comes_late(three):
 def test_bus_off_silences_a_drive_which_stops_by_itself(three):
     bench = three()
     run(bench, 20)
-    bench.sim.inject(Fault(kind="bus_off", joint="j1"))
+    bench.sim.inject(InjectedFault(kind="bus_off", joint="j1"))
     assert set(run(bench, 20)) == {2, 3}
     assert bench.emcys() == []  # nobody hears it
-    assert bench.sim.states["j1"] is State.QUICK_STOP_ACTIVE
+    assert bench.sim.states["j1"] is DriveState.QUICK_STOP_ACTIVE
 
 
 def test_heartbeat_reset_and_identity_faults(three):
@@ -149,10 +153,10 @@ def test_heartbeat_reset_and_identity_faults(three):
     for n in (1, 2, 3):
         bench.write(n, o.PRODUCER_HEARTBEAT, 50)
     for kind, joint in (("heartbeat_loss", "j1"), ("nmt_reset", "j2"), ("wrong_identity", "j3")):
-        bench.sim.inject(Fault(kind=kind, joint=joint, vendor=7))
+        bench.sim.inject(InjectedFault(kind=kind, joint=joint, vendor=7))
     heard = {(cob, d) for cob, d in bench.wait(0.2) if cob & 0x780 == 0x700}
     assert heard == {(0x702, b"\0"), (0x703, b"\5")}
-    assert bench.state(2) is State.SWITCH_ON_DISABLED
+    assert bench.state(2) is DriveState.SWITCH_ON_DISABLED
     bench.send(0, b"\x81\3")
     assert bench.read(3, o.VENDOR) == 7
 
