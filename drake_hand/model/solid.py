@@ -20,7 +20,7 @@ from drake_hand.model.pieces import WRAP, cut
 if TYPE_CHECKING:
     import trimesh
 
-ERROR, SHARE = 1.0e-3, 0.02
+SURFACE_ERROR_M, SURFACE_ERROR_SHARE = 1.0e-3, 0.02
 """Largest surface error that pieces may have: m, or share of the mesh's size, whichever is more."""
 _FINE, _FINE_SHARE = 1.0e-4, 0.003
 """The same of a mesh that is only simplified."""
@@ -101,12 +101,13 @@ def _cut(mesh: trimesh.Trimesh, file: Path) -> Solid:
         notes.append(
             f"mesh {file.name}: {what}, volume {volume / whole - 1:+.1%}, largest surface error {error * 1e3:.2f} mm"
         )
-    if error > max(ERROR, SHARE * size):
+    allowed = max(SURFACE_ERROR_M, SURFACE_ERROR_SHARE * size)
+    if error > allowed:
         raise InputError(
             "mesh cannot be cut into convex pieces well enough",
             file=file,
             found=f"{len(hulls)} pieces, {error * 1e3:.2f} mm off",
-            expected=f"at most {max(ERROR, SHARE * size) * 1e3:.2f} mm; close its surface, or give convex parts",
+            expected=f"at most {allowed * 1e3:.2f} mm; close its surface, or give convex parts",
         )
     return Solid(pieces=tuple((np.asarray(h.vertices), np.asarray(h.faces)) for h in hulls), notes=tuple(notes))
 
@@ -163,7 +164,7 @@ def _convex(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimes
     if body.is_watertight and hull.volume < body.volume * (1 + _SAME):
         return [hull], 0.0
     off = _error(body, [hull])
-    if off <= ERROR / 2:
+    if off <= SURFACE_ERROR_M / 2:
         return [hull], off
     if not body.is_watertight and not _encloses(body):  # its wrapping would be a shell, in hundreds of pieces
         raise InputError(
@@ -193,7 +194,7 @@ def _decompose(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[tri
         error = _error(body, hulls)
         if best is None or error < best[0]:
             best = error, hulls
-        if error <= max(ERROR, SHARE * size):
+        if error <= max(SURFACE_ERROR_M, SURFACE_ERROR_SHARE * size):
             break
     assert best is not None, "there are concavities to try"
     return best[1], best[0]

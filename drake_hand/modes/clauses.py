@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_hand.modes.measured import Measured
 from drake_hand.modes.predicate import Clause
-from drake_hand.plans.tolerances import ARM, TOLERANCES
+from drake_hand.plans.tolerances import LEVER_M, TOLERANCES
 
 _MM = 1e-3
 _CONTACT = _MM * TOLERANCES["contact_mm"]
@@ -31,7 +31,12 @@ class Clauses:
             Clause("hand at rest", "max |v|", "<=", rest, "deg/s", lambda s: s.speed),
             Clause(f"{name} not turning", "|w_WO|", "<=", rest, "deg/s", lambda s: (_norm(s.state.V_WO[..., :3]), "")),
             Clause(
-                f"{name} not moving", "|v_WO|", "<=", rest * ARM, "mm/s", lambda s: (_norm(s.state.V_WO[..., 3:]), "")
+                f"{name} not moving",
+                "|v_WO|",
+                "<=",
+                rest * LEVER_M,
+                "mm/s",
+                lambda s: (_norm(s.state.V_WO[..., 3:]), ""),
             ),
         )
 

@@ -22,7 +22,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.modes.corridor import PoseRegion, pose_of
 from drake_hand.modes.situation import object_of
-from drake_hand.plans.tolerances import ARM
+from drake_hand.plans.tolerances import LEVER_M
 
 LIMITS = "joint limits"
 MINIMUM_DISTANCE = "minimum distance"
@@ -104,7 +104,7 @@ def build_ik(
     A rolling finger's tip centre is held at a point of the object's surface expanded by the tip's radius; a sliding
     one's stays on that surface, within a range along the tangents at the point; all else stays clear. Drake adds joint
     limits and couplings. Of all configurations the one nearest to the guess is asked for: joints in rad, the object's
-    rotation in rad, and its position in units of `ARM`.
+    rotation in rad, and its position in units of `LEVER_M`.
 
     Args:
         scene: hand and object.
@@ -157,7 +157,7 @@ def build_ik(
         apart = ik.AddMinimumDistanceLowerBoundConstraint(options.clearance, options.influence)
         apart.evaluator().set_description(MINIMUM_DISTANCE)
     weights = np.ones(len(positions))
-    weights[pose] = np.repeat([4.0, ARM**-2], [4, 3])  # an angle is twice as far as its quaternion
+    weights[pose] = np.repeat([4.0, LEVER_M**-2], [4, 3])  # an angle is twice as far as its quaternion
     ik.prog().AddQuadraticErrorCost(np.diag(weights), positions, ik.q())
     ik.prog().SetInitialGuess(ik.q(), positions)
     return ModeProgram(

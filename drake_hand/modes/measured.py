@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.plans.tolerances import ARM
+from drake_hand.plans.tolerances import LEVER_M
 
 Where = str | Sequence[str] | np.ndarray
 """Joint or pair of bodies in which a value was found; one per row where there are rows."""
@@ -126,8 +126,8 @@ class Measured(ABC):
 
 
 def displacement(X: np.ndarray, X_from: np.ndarray) -> np.ndarray:
-    """(...) how far a pose (..., 4, 4) is from another, m: shift of the origin plus rotation at `ARM`."""
+    """(...) how far a pose (..., 4, 4) is from another, m: shift of the origin plus rotation at `LEVER_M`."""
     shift = np.linalg.norm(X[..., :3, 3] - X_from[..., :3, 3], axis=-1)
     # the chord |R - R'| / sqrt 2 is the angle where it is small
     turn = np.linalg.norm(X[..., :3, :3] - X_from[..., :3, :3], axis=(-2, -1)) / np.sqrt(2)
-    return shift + ARM * turn
+    return shift + LEVER_M * turn

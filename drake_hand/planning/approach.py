@@ -10,10 +10,10 @@ import numpy as np
 
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift, travel
+from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift_off, travel
 
 
-class Contact(NamedTuple):
+class PlannedContact(NamedTuple):
     """Where a finger is to touch."""
 
     q: np.ndarray
@@ -24,7 +24,7 @@ class Contact(NamedTuple):
     """(3,) contact point, m."""
 
 
-def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Contact]) -> bool:
+def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, PlannedContact]) -> bool:
     """Brings free fingers from where they are to their contacts: way to above the contact, then landing together.
 
     Returns:
@@ -107,7 +107,7 @@ def _lifts(
     for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
         up = {}
         for i, (at, n_W) in contacts.items():
-            way, able = lift(around, i, at[None], n_W[None], height)
+            way, able = lift_off(around, i, at[None], n_W[None], height)
             if not able[0]:
                 break
             up[i] = way[0]

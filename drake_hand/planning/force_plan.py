@@ -22,7 +22,7 @@ from drake_hand.planning.knots import finer, rests, with_ramps
 from drake_hand.planning.slide import directions
 from drake_hand.plans.path import Leg
 
-LIGHT = 0.2
+SLIDING_FORCE_N = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
 SLACK = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
@@ -91,7 +91,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     contacts = ContactSets(p_WP=p, n_W=normal, J_WP=J, mask=touching, p_WCom=p_WCom)
     problem = ForceProblem(
         load=load,
-        preload=wanted + light.share * (LIGHT - wanted),
+        preload=wanted + light.share * (SLIDING_FORCE_N - wanted),
         force_W=holding.force_W,
         friction=friction,
         torsion_radius=holding.torsion_radius,

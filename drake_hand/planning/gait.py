@@ -16,7 +16,7 @@ from drake_hand.planning.kernels import gait as kernels
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.state import State, Stroke, Switch
+from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import switch_to
 from drake_hand.planning.world import split
@@ -31,7 +31,7 @@ STARTS = 12
 """The most promising of them are improved."""
 BETTER = 1e-3
 """By at least so much for each contact exchanged, N."""
-ENOUGH = 0.3
+AMPLE_MARGIN_N = 0.3
 """Margin over the preload with which a gait's longer stroke counts for more, N."""
 
 
@@ -93,8 +93,8 @@ def propose(
     fingers: list[int],
     moves: Moves,
     q: np.ndarray,
-    able: Callable[[State], bool],
-) -> State | None:
+    able: Callable[[Node], bool],
+) -> Node | None:
     """The end of the best periodic gait whose advance and transits are clear and hold throughout.
 
     Args:
@@ -104,28 +104,28 @@ def propose(
         q: (n, m) where the others wait, rad.
         able: whether the hand can get to a grasp.
     """
-    for gait in find(table, fingers, moves.load, moves.allowed, moves.rng, enough=ENOUGH):
+    for gait in find(table, fingers, moves.load, moves.allowed, moves.rng, enough=AMPLE_MARGIN_N):
         end = _unrolled(gait, table, moves, q) if able(_root(gait, moves, q)) else None
         if end is not None:
             return end
     return None
 
 
-def _root(gait: Gait, moves: Moves, q: np.ndarray) -> State:
+def _root(gait: Gait, moves: Moves, q: np.ndarray) -> Node:
     q, touching = q.copy(), np.zeros(len(q), dtype=bool)
     for h in gait.holds:
         q[h.finger, : h.q.shape[1]], touching[h.finger] = h.q[0], True
     X = np.ascontiguousarray(moves.path.X_WO[0, :3])
-    root = State(s=0.0, off=np.zeros(6), X=X, q=q, touching=touching)
+    root = Node(s=0.0, off=np.zeros(6), X=X, q=q, touching=touching)
     moves.evaluate([root])
     return root
 
 
-def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> State | None:
+def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Node | None:
     """The gait as states from tick 0 to the end of the path; None where a transit or an advance is blocked."""
     goal, state = moves.path.ticks, _root(gait, moves, q)
     births = [0] * len(gait.holds)
-    steps: dict[int, Switch] = {}
+    steps: dict[int, FingerSwitch] = {}
     while True:
         start = round(state.s)
         end = min(start + gait.stroke, goal)
@@ -140,7 +140,7 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Sta
             posture[:, h.finger, : h.q.shape[1]] = h.q[ticks - b]
         X = np.ascontiguousarray(moves.path.X_WO[ticks, :3])
         move = Stroke(X=X, q=posture)
-        state = State(
+        state = Node(
             s=float(end), off=state.off, X=X[-1], q=posture[-1], touching=state.touching, regrasps=state.regrasps,
             parent=state, move=move,
         )  # fmt: skip
@@ -149,7 +149,7 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Sta
         for slot in gait.order:
             h, q_next = gait.holds[slot], state.q.copy()
             q_next[h.finger, : h.q.shape[1]] = h.q[0]
-            after = State(
+            after = Node(
                 s=state.s, off=state.off, X=state.X, q=q_next, touching=state.touching, regrasps=state.regrasps + 1,
                 parent=state, move=steps.get(slot),
             )  # fmt: skip

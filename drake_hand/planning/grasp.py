@@ -17,7 +17,7 @@ from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import COARSE, Moves
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import Hold
-from drake_hand.planning.state import State
+from drake_hand.planning.state import Node
 from drake_hand.planning.world import split
 
 DRAWN = 3000
@@ -66,9 +66,7 @@ def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
                 raise no_plan(what, mode=code(hand, ()), constraint=f"collision with {other}", X_WO=X)
 
 
-def roots(
-    moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[frozenset[int], ...] = ()
-) -> list[State]:
+def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[frozenset[int], ...] = ()) -> list[Node]:
     """Grasps of the object where its way begins, the most promising first.
 
     Args:
@@ -118,7 +116,7 @@ def roots(
     if not len(clear):
         what, finger = _collide(moves, X, posture[held], touching[held])
         raise fail(f"no set of contacts that balances the object is clear of collisions: {what}", "collision", finger)
-    out = [State(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
+    out = [Node(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
     moves.evaluate(out)
     for others in then:
         for x, share in zip(out, _handed_over(moves, X, posture[clear], touching[clear], others), strict=True):

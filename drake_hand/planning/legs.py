@@ -11,7 +11,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.switches import ways_of
 from drake_hand.plans.path import Leg
 
@@ -116,7 +116,7 @@ class LegBuilder:
         self.q, self.X_WO = q[-1], X_WO[-1]
 
 
-def follow(builder: LegBuilder, moves: Moves, states: list[State]) -> None:
+def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
     """Appends what a search found: strokes, and between them fingers that break and make contact."""
     for before, after in itertools.pairwise(states):
         move = after.move
@@ -131,7 +131,7 @@ def follow(builder: LegBuilder, moves: Moves, states: list[State]) -> None:
             _switch(builder, moves, before, after, move.finger)
 
 
-def _switch(builder: LegBuilder, moves: Moves, before: State, after: State, finger: int) -> None:
+def _switch(builder: LegBuilder, moves: Moves, before: Node, after: Node, finger: int) -> None:
     ways = ways_of(moves, before, after)
     if before.touching[finger]:
         builder.regrasps += bool(after.touching[finger])

@@ -14,7 +14,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear, hold, stroke, transit
 from drake_hand.planning.kernels.world import Load, World
 from drake_hand.planning.object_path import TICK_DEG, TICK_M, ObjectPath
-from drake_hand.planning.state import State
+from drake_hand.planning.state import Node
 from drake_hand.planning.world import Grid, split
 
 LOOK, COARSE = 7, 2.5
@@ -22,7 +22,7 @@ LOOK, COARSE = 7, 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corridor:
+class OffsetBounds:
     """How far the object may be from its nominal way while it moves."""
 
     rad: float
@@ -46,14 +46,14 @@ class Moves:
     load: Load
     grid: Grid
     path: ObjectPath
-    corridor: Corridor
+    corridor: OffsetBounds
     fingers: frozenset[int]
     """That may touch."""
     allowed: Callable[[frozenset[int]], bool]
     """Whether the mode with these fingers in contact may be used."""
     rng: np.random.Generator
 
-    def evaluate(self, states: list[State], rooms: np.ndarray | None = None) -> None:
+    def evaluate(self, states: list[Node], rooms: np.ndarray | None = None) -> None:
         """Works out room, margins and score of states; `rooms` (N, n) where they are known."""
         if not states:
             return

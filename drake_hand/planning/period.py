@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.surface import SAME_M, Surface
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.switches import switch_between
 
 SHORTEST = np.radians(40.0)
@@ -68,12 +68,12 @@ class Period:
                 return cls(ticks=ticks, count=count, X_OO=X_OW @ path.X_WO[ticks])
         return None
 
-    def completed(self, moves: Moves, x: State) -> State | None:
+    def completed(self, moves: Moves, x: Node) -> Node | None:
         """The state at the end of the way, where the fingers of x can go back to where they were whole periods ago."""
         k, rest = divmod(x.s, self.ticks)
         if rest or k in (0, self.count) or x.off.any():
             return None
-        earlier: dict[int, State] = {}
+        earlier: dict[int, Node] = {}
         for y in x.chain[:-1]:
             if not y.s % self.ticks and not y.off.any():
                 earlier[int(y.s // self.ticks)] = y
@@ -84,7 +84,7 @@ class Period:
                 return self._repeated(earlier[j], end, int(times), int(k - j))
         return None
 
-    def _repeated(self, begin: State, end: State, times: int, periods: int) -> State:
+    def _repeated(self, begin: Node, end: Node, times: int, periods: int) -> Node:
         """What leads from one state to another that has come back, so many times more."""
         chain = end.chain
         cycle, state = chain[chain.index(begin) + 1 :], end
@@ -107,7 +107,7 @@ class Period:
         return state
 
 
-def returned(moves: Moves, x: State, target: State) -> State | None:
+def returned(moves: Moves, x: Node, target: Node) -> Node | None:
     """The state in which all fingers are where they are in another one, one finger after the other brought there.
 
     All sets of fingers that may have gone are rated at once; an order is looked for among those that hold.
@@ -118,7 +118,7 @@ def returned(moves: Moves, x: State, target: State) -> State | None:
     for bit, f in enumerate(astray):
         gone = np.arange(sets) >> bit & 1 == 1
         q[gone, f], touching[gone, f] = target.q[f], target.touching[f]
-    some = [State(s=x.s, off=x.off, X=x.X, q=q[i], touching=touching[i]) for i in range(sets)]
+    some = [Node(s=x.s, off=x.off, X=x.X, q=q[i], touching=touching[i]) for i in range(sets)]
     moves.evaluate(some, np.ones(touching.shape))
     able = moves.clear(x.X, q, touching) & np.array([y.margins[-1] >= 0 for y in some])
     able &= [moves.allowed(frozenset(np.flatnonzero(y.touching).tolist())) for y in some]

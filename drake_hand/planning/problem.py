@@ -17,10 +17,10 @@ from drake_hand.planning.failure import code
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.moves import Corridor, Moves
+from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose, still
 from drake_hand.planning.search import Progress
-from drake_hand.planning.world import Grid, load, world
+from drake_hand.planning.world import Grid, load_on_hand, world
 from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
@@ -103,12 +103,12 @@ class Problem:
         return Moves(
             clearance=self.clearance,
             world=self.world,
-            load=load(self.holding(task), task.options.min_contacts),
+            load=load_on_hand(self.holding(task), task.options.min_contacts),
             grid=self.grid,
             path=path,
-            corridor=Corridor(rad=0.0, m=0.0)
+            corridor=OffsetBounds(rad=0.0, m=0.0)
             if corridor == "none"
-            else Corridor(rad=INSIDE * np.radians(corridor.deg), m=INSIDE * corridor.mm * 1e-3),
+            else OffsetBounds(rad=INSIDE * np.radians(corridor.deg), m=INSIDE * corridor.mm * 1e-3),
             fingers=fingers,
             allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
             rng=np.random.default_rng(task.options.seed),

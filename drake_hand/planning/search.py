@@ -19,7 +19,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
-from drake_hand.planning.state import State
+from drake_hand.planning.state import Node
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
 
@@ -68,15 +68,15 @@ class Search:
     """Fingers that are to touch in the end, no others; any that hold the object if not given."""
     period: Period | None = None
     """Of the way: once a state has come back, the way there is repeated."""
-    able: Callable[[State], bool] = lambda root: True
+    able: Callable[[Node], bool] = lambda root: True
     """Whether the hand can get to a root; asked before the first is expanded."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
-    farthest: State | None = None
-    _bins: dict[int, list[State]] = field(default_factory=dict)
+    farthest: Node | None = None
+    _bins: dict[int, list[Node]] = field(default_factory=dict)
     _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
-    _roots: dict[State, None] = field(default_factory=dict)
-    _able: dict[int, tuple[State, bool]] = field(default_factory=dict)
+    _roots: dict[Node, None] = field(default_factory=dict)
+    _able: dict[int, tuple[Node, bool]] = field(default_factory=dict)
     _started: float = field(default_factory=time.monotonic)
 
     def restart(self) -> None:
@@ -85,7 +85,7 @@ class Search:
         self._tried.clear()
         self.add(list(self._roots))
 
-    def add(self, states: list[State]) -> None:
+    def add(self, states: list[Node]) -> None:
         """Takes states in, roots or what follows from others."""
         self._look_beyond(states)
         for x in states:
@@ -102,7 +102,7 @@ class Search:
                 states_there.sort(key=lambda x: -self._rank(x))
                 del states_there[SPARED:]
 
-    def _look_beyond(self, states: list[State]) -> None:
+    def _look_beyond(self, states: list[Node]) -> None:
         """Scores how well the wanted fingers would hold the object by themselves, once all of them touch."""
         if self.wanted is None:
             return
@@ -113,7 +113,7 @@ class Search:
         for x, y in zip(some, alone, strict=True):
             x.score += BY_THEMSELVES * max(float(y.margins[-1]), -1.0)
 
-    def run(self, budget: int, deadline: float) -> State | None:
+    def run(self, budget: int, deadline: float) -> Node | None:
         """Expands so many states, or until time is up (monotonic clock) or nothing is left.
 
         Returns:
@@ -144,13 +144,13 @@ class Search:
                 return self._answer(min(done, key=lambda x: x.regrasps))
         return None
 
-    def _answer(self, x: State) -> State:
+    def _answer(self, x: Node) -> Node:
         """Takes a state at the goal out; another search begins with another grasp, where there is one."""
         if len(self._roots) > 1 or x.parent is None:
             self._roots.pop(x.chain[0], None)
         return self._take(x)
 
-    def _take(self, x: State) -> State:
+    def _take(self, x: Node) -> Node:
         """Takes a state out."""
         b = int(x.progress // BIN)
         self._bins[b].remove(x)
@@ -178,7 +178,7 @@ class Search:
         """Whether the hand can get to the root of the state that got farthest."""
         return self.farthest is not None and self._founded(self.farthest)
 
-    def _children(self, state: State) -> list[State]:
+    def _children(self, state: Node) -> list[Node]:
         rng = self.moves.rng
         children = draw_strokes(self.moves, state)
         self.moves.evaluate(children)
@@ -197,27 +197,27 @@ class Search:
             children += draw_retreats(self.moves, state, int(rng.integers(len(state.touching))))
         return children
 
-    def _repeated(self, children: list[State]) -> list[State]:
+    def _repeated(self, children: list[Node]) -> list[Node]:
         """The states at the goal that a gait leads to, which some of these complete."""
         if self.period is None:
             return []
         ends = (self.period.completed(self.moves, x) for x in children if self._founded(x))
         return [x for x in ends if x is not None]
 
-    def _first(self) -> list[State]:
+    def _first(self) -> list[Node]:
         """Where the roots get to along the nominal way."""
         reached = onward(self.moves, [x for states in self._bins.values() for x in states if x.parent is None])
         self.moves.evaluate(reached)
         return reached
 
-    def _founded(self, x: State) -> bool:
+    def _founded(self, x: Node) -> bool:
         """Whether the hand can get to the root of a state."""
         root = x.chain[0]
         if id(root) not in self._able:
             self._able[id(root)] = root, self.able(root)
         return self._able[id(root)][1]
 
-    def _progress(self, x: State) -> float:
+    def _progress(self, x: Node) -> float:
         path = self.moves.path
         stop = path.next_stop(x.s)
         progress = stop - max(stop - x.s, float(offset_ticks(x.off)))
@@ -225,14 +225,14 @@ class Search:
             progress -= UNWANTED * sum(bool(on) != (f in self.wanted) for f, on in enumerate(x.touching))
         return progress
 
-    def _share(self, x: State) -> float:
+    def _share(self, x: Node) -> float:
         ticks = self.moves.path.ticks
         return float(np.clip(x.progress / ticks, 0.0, 1.0)) if ticks else float(x.progress >= 0)
 
-    def _rank(self, x: State) -> float:
+    def _rank(self, x: Node) -> float:
         return x.score - TIRED * self._tried[x.niche]
 
-    def _cells(self, x: State) -> list[int]:
+    def _cells(self, x: Node) -> list[int]:
         """Where the fingers touch, coarsely."""
         cells: list[int] = []
         for f, on in enumerate(x.touching):
@@ -251,7 +251,7 @@ class Search:
             )
         )
 
-    def _what_would_help(self, x: State, kept: list[int]) -> str:
+    def _what_would_help(self, x: Node, kept: list[int]) -> str:
         """What would let any of the fingers be lifted that cannot be, in words."""
         load, helps = self.moves.load, []
         for times, more, less in () if load.kinematic else EASED:

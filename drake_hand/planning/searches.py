@@ -22,7 +22,7 @@ from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Progress, Search
 from drake_hand.planning.shorten import shortened
-from drake_hand.planning.state import State, by_finger
+from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.turns import Attempt, in_turn
 from drake_hand.plans.task import Grasp, Step, Task
 
@@ -99,7 +99,7 @@ def _attempts(
     return [Attempt(task=task, builder=builder, search=search) for search in out]
 
 
-def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[State], period: Period | None) -> Search:
+def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[Node], period: Period | None) -> Search:
     search = Search(
         moves=moves, period=period, able=lambda root: _closed(problem, builder.copy(), root), progress=problem.progress
     )
@@ -107,12 +107,12 @@ def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[Sta
     return search
 
 
-def _closed(problem: Problem, builder: LegBuilder, root: State) -> bool:
+def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
     """Closes the fingers on a grasp, if that can be done without a collision."""
     contacts = {}
     for i in np.flatnonzero(root.touching).tolist():
         q = root.q[i, : len(problem.hand.fingers[i].columns)]
-        contacts[i] = approach.Contact(q=q, n_W=root.n_W[i], p_OP=root.p_OP[i])
+        contacts[i] = approach.PlannedContact(q=q, n_W=root.n_W[i], p_OP=root.p_OP[i])
     return approach.close(builder, problem.clearance, contacts)
 
 
@@ -130,7 +130,7 @@ def from_contacts(
     moves = problem.moves(task, path, usable | (named or frozenset()))
     touching = np.zeros(len(problem.hand.fingers), dtype=bool)
     touching[list(builder.touching)] = True
-    root = State(
+    root = Node(
         s=0.0,
         off=np.zeros(6),
         X=np.ascontiguousarray(builder.X_WO[:3]),
@@ -199,7 +199,7 @@ def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoP
         return why
 
 
-def _gait(problem: Problem, attempt: Attempt) -> State | None:
+def _gait(problem: Problem, attempt: Attempt) -> Node | None:
     """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
     task, builder, search = attempt.task, attempt.builder, attempt.search
     moves = search.moves
@@ -215,14 +215,14 @@ def _gait(problem: Problem, attempt: Attempt) -> State | None:
         return gait.propose(table, fingers, moves, q, search.able)
 
 
-def _shortened(problem: Problem, attempt: Attempt, end: State, share: float) -> State:
+def _shortened(problem: Problem, attempt: Attempt, end: Node, share: float) -> Node:
     """The end of the same way with fewer regrasps, if that leaves no more than a share of them."""
     with problem.stage("shorten"):
         found = shortened(attempt.search.moves, end)
     return found if found.regrasps <= share * end.regrasps else end
 
 
-def _built(problem: Problem, builder: LegBuilder, moves: Moves, end: State) -> LegBuilder:
+def _built(problem: Problem, builder: LegBuilder, moves: Moves, end: Node) -> LegBuilder:
     builder, chain = builder.copy(), end.chain
     with problem.stage("legs"):
         if not builder.touching:

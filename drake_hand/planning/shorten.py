@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.state import State, Stroke, Switch
+from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import rolled
 from drake_hand.planning.switches import direct_switch
 
 
-def shortened(moves: Moves, end: State) -> State:
+def shortened(moves: Moves, end: Node) -> Node:
     """The end of the same way with fewer regrasps: the first that can be left out is, then the next.
 
     Args:
@@ -36,24 +36,26 @@ def shortened(moves: Moves, end: State) -> State:
     return chain[-1]
 
 
-def _regrasp(chain: list[State], i: int) -> bool:
+def _regrasp(chain: list[Node], i: int) -> bool:
     move = chain[i].move
-    return isinstance(move, Switch) and bool(chain[i - 1].touching[move.finger] and chain[i].touching[move.finger])
+    return isinstance(move, FingerSwitch) and bool(
+        chain[i - 1].touching[move.finger] and chain[i].touching[move.finger]
+    )
 
 
-def _without(moves: Moves, chain: list[State], i: int) -> list[State] | None:
+def _without(moves: Moves, chain: list[Node], i: int) -> list[Node] | None:
     """The states without a regrasp, if the finger's next switch can be reached that way, or the end."""
     left_out = chain[i].move
-    assert isinstance(left_out, Switch)
+    assert isinstance(left_out, FingerSwitch)
     out, apart = list(chain[:i]), True
     for x in chain[i + 1 :]:
         before = out[-1]
         if not apart:
-            state: State | None = replace(x, parent=before, regrasps=x.regrasps - 1)
+            state: Node | None = replace(x, parent=before, regrasps=x.regrasps - 1)
         elif isinstance(x.move, Stroke):
             state = _carried_on(moves, before, x, x.move, left_out.finger)
         else:
-            assert isinstance(x.move, Switch)
+            assert isinstance(x.move, FingerSwitch)
             state = _switched(moves, before, x, x.move.finger)
             apart = x.move.finger != left_out.finger
         if state is None:
@@ -62,7 +64,7 @@ def _without(moves: Moves, chain: list[State], i: int) -> list[State] | None:
     return out
 
 
-def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke, finger: int) -> State | None:
+def _carried_on(moves: Moves, before: Node, x: Node, stroke: Stroke, finger: int) -> Node | None:
     """The stroke to x with one finger elsewhere, if all contacts roll along all of it and hold the object."""
     K = len(stroke.X) - 1
     found, length = rolled(moves, stroke.X[None], np.array([K]), [before])
@@ -70,7 +72,7 @@ def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke, finger: i
         return None
     q = stroke.q.copy()  # the others': rolled anew, periods that were repeated would not join to the last digit
     q[:, finger] = found[0, : K + 1, finger]
-    return State(
+    return Node(
         s=x.s,
         off=x.off,
         X=x.X,
@@ -82,12 +84,12 @@ def _carried_on(moves: Moves, before: State, x: State, stroke: Stroke, finger: i
     )
 
 
-def _switched(moves: Moves, before: State, x: State, finger: int) -> State | None:
+def _switched(moves: Moves, before: Node, x: Node, finger: int) -> Node | None:
     """The finger's switch to where it is in x, from another posture of the hand; if that holds, and is clear."""
     q, touching = before.q.copy(), before.touching.copy()
     q[finger], touching[finger] = x.q[finger], x.touching[finger]
     both = bool(before.touching[finger] and touching[finger])
-    after = State(s=x.s, off=x.off, X=x.X, q=q, touching=touching, regrasps=before.regrasps + both, parent=before)
+    after = Node(s=x.s, off=x.off, X=x.X, q=q, touching=touching, regrasps=before.regrasps + both, parent=before)
     moves.evaluate([before, after], np.ones((2, len(q))))
     held = after.margins[-1] >= 0 and (not before.touching[finger] or before.margins[finger] >= 0)
     if not held or not moves.clear(x.X, q[None], touching[None])[0]:

@@ -4,8 +4,8 @@ A state of the hybrid automaton is a mode (who touches), the contacts (postures 
 object's pose. The pose is free within the task's corridor: it is a progress along the nominal way and an offset from
 it. ::
 
-    State --Stroke--> State      the object moves on, every touching finger rolls (or pivots) with it
-    State --Switch--> State      one finger breaks contact, makes one elsewhere, or both; all else rests
+    Node --Stroke--> Node      the object moves on, every touching finger rolls (or pivots) with it
+    Node --FingerSwitch--> Node      one finger breaks contact, makes one elsewhere, or both; all else rests
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Stroke:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Switch:
+class FingerSwitch:
     """One finger breaks and makes contact elsewhere, makes one, or breaks it and waits; the object rests."""
 
     finger: int
@@ -43,7 +43,7 @@ class Switch:
 
 
 @dataclass(kw_only=True, eq=False, slots=True)
-class State:
+class Node:
     """Where a hand holds the object."""
 
     s: float
@@ -57,8 +57,8 @@ class State:
     touching: np.ndarray
     """(n,) bool."""
     regrasps: int = 0
-    parent: State | None = None
-    move: Stroke | Switch | None = None
+    parent: Node | None = None
+    move: Stroke | FingerSwitch | None = None
     """What led here from the parent."""
     room: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) how far each contact would roll on along the nominal way, 1 for far enough."""
@@ -76,7 +76,7 @@ class State:
     """Equal for states that are much alike."""
 
     @property
-    def chain(self) -> list[State]:
+    def chain(self) -> list[Node]:
         """The states from the root to this one."""
         out, walk = [], self
         while walk is not None:

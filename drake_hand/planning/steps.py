@@ -148,7 +148,7 @@ def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Mod
         fail("reaches no contact whose normal opposes the push", "direction of push")
     p_WCom = table.p_WCom(np.zeros(1, dtype=int))[0]
     for h in sorted(opposed, key=lambda h: float(np.linalg.norm(np.cross(h.p_WP[0] - p_WCom, along)))):
-        contact = approach.Contact(q=h.q[0], n_W=h.n_W[0], p_OP=X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
+        contact = approach.PlannedContact(q=h.q[0], n_W=h.n_W[0], p_OP=X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
         if approach.close(builder, clearance, {finger: contact}):
             builder.carry(clearance, {h.finger: h.q}, path.X_WO)
             release(builder, clearance)

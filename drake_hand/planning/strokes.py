@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_hand.planning.kernels import stroke
 from drake_hand.planning.moves import Moves, offset_ticks
-from drake_hand.planning.state import State, Stroke
+from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.world import split
 
 STROKES = 24
@@ -28,14 +28,14 @@ TESTED = 3
 """Balance is tested every so many poses."""
 
 
-def draw_strokes(moves: Moves, state: State) -> list[State]:
+def draw_strokes(moves: Moves, state: Node) -> list[Node]:
     """The states that strokes from here lead to, each as far as it lasts; those that get on best."""
     found = _towards(moves, state, *_targets(moves, state))
     still = [x for x in found if x.s <= state.s]
     return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:BEST]
 
 
-def carried(moves: Moves, state: State, s: float, off: np.ndarray) -> State | None:
+def carried(moves: Moves, state: Node, s: float, off: np.ndarray) -> Node | None:
     """The state with the object at progress s and an offset (6,), if one stroke gets there."""
     if s == state.s and np.array_equal(off, state.off):
         return state
@@ -43,7 +43,7 @@ def carried(moves: Moves, state: State, s: float, off: np.ndarray) -> State | No
     return found[0] if found and found[0].s == s and np.array_equal(found[0].off, off) else None
 
 
-def _towards(moves: Moves, state: State, s: np.ndarray, off: np.ndarray) -> list[State]:
+def _towards(moves: Moves, state: Node, s: np.ndarray, off: np.ndarray) -> list[Node]:
     """How far strokes to progress s (N,) and offsets (N, 6) get."""
     K = np.ceil(np.maximum(s - state.s, offset_ticks(off - state.off)) - 1e-9).astype(np.int64)
     some = (K > 0) & (K <= STEPS)
@@ -71,7 +71,7 @@ def _towards(moves: Moves, state: State, s: np.ndarray, off: np.ndarray) -> list
     return out
 
 
-def _targets(moves: Moves, state: State) -> tuple[np.ndarray, np.ndarray]:
+def _targets(moves: Moves, state: Node) -> tuple[np.ndarray, np.ndarray]:
     """Progress (N,) and offset (N, 6) that strokes aim at; the end of a step is met without an offset."""
     rng, stop = moves.rng, moves.path.next_stop(state.s)
     s = state.s + rng.uniform(SHORTEST, LONGEST, STROKES)
@@ -90,7 +90,7 @@ def _targets(moves: Moves, state: State) -> tuple[np.ndarray, np.ndarray]:
     return s, off
 
 
-def onward(moves: Moves, states: list[State]) -> list[State]:
+def onward(moves: Moves, states: list[Node]) -> list[Node]:
     """The last states that those on the nominal way, at a tick, get to along it without a switch."""
     states = [x for x in states if not x.off.any() and x.s < moves.path.ticks]
     if not states:
@@ -112,7 +112,7 @@ def onward(moves: Moves, states: list[State]) -> list[State]:
     return out
 
 
-def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[State]) -> tuple[np.ndarray, np.ndarray]:
+def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[Node]) -> tuple[np.ndarray, np.ndarray]:
     """Carries states along ways X (N, most + 1, 3, 4) of K (N,) steps.
 
     Returns:
@@ -130,9 +130,9 @@ def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[State]) -> t
     return q, length
 
 
-def _after(state: State, *, s: float, off: np.ndarray, move: Stroke) -> State:
+def _after(state: Node, *, s: float, off: np.ndarray, move: Stroke) -> Node:
     """The state after a stroke."""
-    return State(
+    return Node(
         s=s,
         off=off,
         X=move.X[-1],

@@ -11,8 +11,8 @@ import numpy as np
 
 from drake_hand.planning.kernels import transit
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.state import State, Switch, whole
-from drake_hand.planning.transit import LIFTS, STEP, Surroundings, detour, lift
+from drake_hand.planning.state import FingerSwitch, Node, whole
+from drake_hand.planning.transit import LIFTS, STEP, Surroundings, detour, lift_off
 
 POINTS = 200
 """Surface points a switching finger is offered."""
@@ -24,7 +24,7 @@ HEIGHTS = np.array(LIFTS)
 """Of lifts, m."""
 
 
-def draw_switches(moves: Moves, state: State, finger: int) -> list[State]:
+def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
     """The states in which a finger has made contact elsewhere, the most promising first."""
     touches = bool(state.touching[finger])
     whole = frozenset(np.flatnonzero(state.touching).tolist())
@@ -44,7 +44,7 @@ def draw_switches(moves: Moves, state: State, finger: int) -> list[State]:
     touching[:, finger] = True
     order, posture = (x[moves.clear(state.X, posture, touching)] for x in (order, posture))
     out = [
-        State(
+        Node(
             s=state.s,
             off=state.off,
             X=state.X,
@@ -59,19 +59,19 @@ def draw_switches(moves: Moves, state: State, finger: int) -> list[State]:
     rooms[:, finger] = room[order]
     moves.evaluate(out, rooms)
     best = sorted((i for i, x in enumerate(out) if x.margins[-1] >= 0), key=lambda i: -out[i].score)
-    kept: list[State] = []
+    kept: list[Node] = []
     for some in (best[i : i + KEPT] for i in range(0, len(best), KEPT)):
         found = _transits(moves, state, finger, q[order[some]], n_W[order[some]])
         for i, (height, landing, stop) in zip(some, found.tolist(), strict=True):
             if height >= 0:
-                out[i].move = Switch(finger=finger, height=height, landing=landing, stop=stop - 1)
+                out[i].move = FingerSwitch(finger=finger, height=height, landing=landing, stop=stop - 1)
                 kept.append(out[i])
         if len(kept) >= KEPT:
             break
     return kept[:KEPT]
 
 
-def draw_retreats(moves: Moves, state: State, finger: int) -> list[State]:
+def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
     """The states in which a finger waits elsewhere, off the object."""
     touches = bool(state.touching[finger])
     rest = frozenset(np.flatnonzero(state.touching).tolist()) - {finger}
@@ -89,9 +89,9 @@ def draw_retreats(moves: Moves, state: State, finger: int) -> list[State]:
         q[finger], touching[finger] = stops[v], False
         if np.array_equal(q, state.q):
             continue
-        move = Switch(finger=finger, height=int(found[v]), landing=-1, stop=int(v))
+        move = FingerSwitch(finger=finger, height=int(found[v]), landing=-1, stop=int(v))
         out.append(
-            State(
+            Node(
                 s=state.s,
                 off=state.off,
                 X=state.X,
@@ -106,12 +106,12 @@ def draw_retreats(moves: Moves, state: State, finger: int) -> list[State]:
     return [x for x in out if x.margins[-1] >= 0]
 
 
-def switch_between(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+def switch_between(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """The move of a finger to where it is in another state: to a contact, or to where it waits."""
     return switch_to(moves, before, after, finger) if after.touching[finger] else _retreat(moves, before, after, finger)
 
 
-def _retreat(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+def _retreat(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """The move of a finger to where it waits."""
     found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
     touches, normal = bool(before.touching[finger]), before.n_W[finger]
@@ -125,10 +125,10 @@ def _retreat(moves: Moves, before: State, after: State, finger: int) -> Switch |
         start = pieces[0][-1]
     pieces.append(_straight(start, after.q[finger]))
     m = len(moves.clearance.kinematics[finger].lower)
-    return Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
+    return FingerSwitch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
 
 
-def _transits(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
+def _transits(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
     """(N, 3) as `transit.transits` finds them."""
     found = np.zeros((len(q), 3), dtype=np.int64)
     touches = bool(state.touching[finger])
@@ -139,15 +139,15 @@ def _transits(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.nd
     return found
 
 
-def direct_switch(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+def direct_switch(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """As `switch_between`, without a roadmap."""
     if not after.touching[finger]:
         return _retreat(moves, before, after, finger)
     height, landing, stop = _transits(moves, before, finger, after.q[finger][None], after.n_W[finger][None])[0].tolist()
-    return None if height < 0 else Switch(finger=finger, height=height, landing=landing, stop=stop - 1)
+    return None if height < 0 else FingerSwitch(finger=finger, height=height, landing=landing, stop=stop - 1)
 
 
-def switch_to(moves: Moves, before: State, after: State, finger: int) -> Switch | None:
+def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """The move of a finger that touches in both states, by a roadmap where no quicker way is found."""
     quick = direct_switch(moves, before, after, finger)
     if quick is not None:
@@ -159,18 +159,18 @@ def switch_to(moves: Moves, before: State, after: State, finger: int) -> Switch 
     around = Surroundings.of(moves.clearance, posture, X, finger)
     normals = np.stack([before.n_W[finger], after.n_W[finger]])
     for height in LIFTS:
-        (up, down), able = lift(around, finger, np.stack([old, new])[:, :m], normals, height)
+        (up, down), able = lift_off(around, finger, np.stack([old, new])[:, :m], normals, height)
         if able.all():
             pieces = detour(around, finger, up[-1], down[-1])
             ways = None if pieces is None else (up, *pieces, down[::-1])
-            return None if ways is None else Switch(finger=finger, height=-1, landing=-1, stop=-1, ways=ways)
+            return None if ways is None else FingerSwitch(finger=finger, height=-1, landing=-1, stop=-1, ways=ways)
     return None
 
 
-def ways_of(moves: Moves, before: State, after: State) -> tuple[np.ndarray, ...]:
+def ways_of(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
     """The pieces (k, m) of the way of a switch: lift, travel and landing, as many of them as it has."""
     move = after.move
-    assert isinstance(move, Switch)
+    assert isinstance(move, FingerSwitch)
     if move.ways is not None:
         return move.ways
     f, m = move.finger, len(moves.clearance.kinematics[move.finger].lower)
@@ -190,7 +190,7 @@ def ways_of(moves: Moves, before: State, after: State) -> tuple[np.ndarray, ...]
     return tuple(piece[:, :m] for piece in pieces)
 
 
-def _lift(moves: Moves, state: State, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
+def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
     way = np.zeros((transit.KNOTS, len(q)))
     transit.lift_way(moves.world, finger, state.X, state.q, q, n_W, LIFTS[height], way)
     return way

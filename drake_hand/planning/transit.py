@@ -58,7 +58,7 @@ class Surroundings:
         return least
 
 
-def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
     """Ways of finger i from contacts at q (N, m) straight up their normals n_W (N, 3).
 
     Returns:
@@ -79,7 +79,7 @@ def lift(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float)
     return way, able
 
 
-def straight(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Straight way in joint space from a to b (m,), or None where something is in the way."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
     way = a + np.linspace(0, 1, n)[:, None] * (b - a)
@@ -90,7 +90,7 @@ def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
     """Way of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, else by :func:`detour`."""
     if (s.clear(i, np.stack([a, b]), tip=True) < MOVING).any():
         return None
-    direct = straight(s, i, a, b)
+    direct = straight_path(s, i, a, b)
     return [direct] if direct is not None else detour(s, i, a, b)
 
 
@@ -116,7 +116,7 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
         blocked = False
         for u, v in itertools.pairwise(way):
             if (u, v) not in pieces:
-                piece = straight(s, i, nodes[u], nodes[v])
+                piece = straight_path(s, i, nodes[u], nodes[v])
                 if piece is None:
                     graph[u, v] = graph[v, u] = 0.0
                     blocked = True
@@ -148,7 +148,7 @@ def _shorten(s: Surroundings, i: int, way: list[np.ndarray]) -> list[np.ndarray]
     pieces, at = [], 0
     while at < len(way) - 1:
         for to in range(len(way) - 1, at, -1):
-            piece = straight(s, i, way[at], way[to])
+            piece = straight_path(s, i, way[at], way[to])
             if piece is not None:
                 break
         assert piece is not None, "neighbours were found connected"

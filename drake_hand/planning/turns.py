@@ -9,7 +9,7 @@ from functools import partial
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.search import Search
-from drake_hand.planning.state import State
+from drake_hand.planning.state import Node
 from drake_hand.planning.world import at_once
 from drake_hand.plans.task import Task
 
@@ -36,7 +36,7 @@ class Attempt:
 
 def in_turn(
     attempts: list[Attempt], failures: list[NoPlanFound], out_of_time: Callable[[], bool], deadline: float
-) -> Iterator[list[tuple[Attempt, State]]]:
+) -> Iterator[list[tuple[Attempt, Node]]]:
     """Rounds of searching; what each found.
 
     Args:

@@ -94,7 +94,7 @@ def _far() -> np.ndarray:
     return X
 
 
-def load(holding: Holding, min_contacts: int) -> kernels.Load:
+def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
     """The arrays of what it takes to hold the object."""
     if isinstance(holding, Equilibrium):
         return kernels.Load(

@@ -16,7 +16,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import certify
-from drake_hand.verify.observe import NEAR, Observed, observe
+from drake_hand.verify.observe import NEAR_M, Observed, observe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class Plain:
     n_W: np.ndarray
     """(k, F, 3) object's normals towards the tips."""
     clearance: np.ndarray
-    """(k,) least distance of all pairs but tips and object, m; at most `NEAR`."""
+    """(k,) least distance of all pairs but tips and object, m; at most `NEAR_M`."""
     pair: list[str]
     """(k) the pair."""
     torque: np.ndarray
@@ -71,10 +71,10 @@ def look_at_all_pairs(seen: Observed, scene: Scene) -> Plain:
     columns = sorted(j.velocity_start() for j in joints if j.num_velocities() == 1)
     world, k = plant.world_frame(), len(s.t)
     p_WC, n_W, gap = np.zeros((k, len(links), 3)), np.zeros((k, len(links), 3)), np.zeros((k, len(links)))
-    clearance, pair, torque = np.full(k, NEAR), [""] * k, np.zeros((k, scene.hand.nq))
+    clearance, pair, torque = np.full(k, NEAR_M), [""] * k, np.zeros((k, scene.hand.nq))
     for row in range(k):
         scene.set(s.q[row], RigidTransform(s.X_WO[row]))
-        for found in scene.query.ComputeSignedDistancePairwiseClosestPoints(NEAR):
+        for found in scene.query.ComputeSignedDistancePairwiseClosestPoints(NEAR_M):
             a, b = found.id_A, found.id_B
             if (a in own and b in tips) or (b in own and a in tips):
                 continue

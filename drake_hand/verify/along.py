@@ -10,7 +10,7 @@ from pydrake.multibody.math import SpatialVelocity
 
 from drake_hand.model.scene import Scene
 from drake_hand.modes.measured import Joints, Measured, RelativeVelocity, State, Where
-from drake_hand.verify.observe import NEAR, Observed
+from drake_hand.verify.observe import NEAR_M, Observed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +58,8 @@ class Along(Measured):
 
     @cached_property
     def gaps(self) -> dict[str, np.ndarray]:
-        """(N,) by finger, m; `NEAR` where a free tip is at least that far away."""
-        gaps = np.nan_to_num(self.seen.gap[self.rows], nan=NEAR)
+        """(N,) by finger, m; `NEAR_M` where a free tip is at least that far away."""
+        gaps = np.nan_to_num(self.seen.gap[self.rows], nan=NEAR_M)
         return {f.name: gaps[:, f.index] for f in self.scene.hand.fingers}
 
     def velocity(self, finger: str) -> RelativeVelocity:
@@ -73,10 +73,10 @@ class Along(Measured):
 
     @property
     def clearance(self) -> tuple[np.ndarray, Where]:
-        """(N,) m; `NEAR` but at the sample where it is least, which is the only one looked at closely."""
+        """(N,) m; `NEAR_M` but at the sample where it is least, which is the only one looked at closely."""
         least, sample, pair = self.seen.nearest
         there = self.rows == sample
-        return np.where(there, least, NEAR), [pair if x else "" for x in there]
+        return np.where(there, least, NEAR_M), [pair if x else "" for x in there]
 
     def _states(self, rows: np.ndarray) -> State:
         s = self.seen.states

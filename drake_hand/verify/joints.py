@@ -7,7 +7,7 @@ import numpy as np
 from drake_hand.model.hand import Hand
 from drake_hand.modes.measured import displacement
 from drake_hand.plans.task import Pose
-from drake_hand.plans.tolerances import ARM
+from drake_hand.plans.tolerances import LEVER_M
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 
@@ -35,7 +35,7 @@ def check_joints(trajectory: Trajectory, hand: Hand, findings: Findings) -> None
         findings.add("acceleration_ratio", np.abs(s.a) / hand.acceleration, t, s.part, names)
         ends = trajectory.at(knots[[0, -1]], part=i)
         w, v = np.split(ends.V_WO, 2, axis=1)
-        object_ = np.maximum(np.linalg.norm(w, axis=1), np.linalg.norm(v, axis=1) / ARM)
+        object_ = np.maximum(np.linalg.norm(w, axis=1), np.linalg.norm(v, axis=1) / LEVER_M)
         speeds = np.column_stack([np.abs(ends.v), object_])
         findings.add("rest_speed_rad_s", speeds, ends.t, ends.part, [*names, "object"])
     _check_jumps(trajectory, hand, findings)

@@ -22,7 +22,7 @@ from drake_hand.verify.surface import PackedObject
 STEP_S = 2e-3
 STEP_DEG = 0.25
 """Largest distance between samples in time and in rotation of the object."""
-NEAR = 2e-3
+NEAR_M = 2e-3
 """m; clearances beyond this are not looked at."""
 CHUNK = 2048
 """Samples looked at together, on one core."""
@@ -40,13 +40,13 @@ class Observed:
     p_OC: np.ndarray
     """(k, F, 3) tip centres in O."""
     gap: np.ndarray
-    """(k, F) signed distance of tip sphere and object, m; NaN where a FREE finger is not within `NEAR`."""
+    """(k, F) signed distance of tip sphere and object, m; NaN where a FREE finger is not within `NEAR_M`."""
     n_O: np.ndarray
     """(k, F, 3) object's outward normal towards the tip; NaN likewise."""
     p_OS: np.ndarray
     """(k, F, 3) point of the object's surface nearest to the tip; NaN likewise."""
     nearest: tuple[float, int, str]
-    """Least distance of any two shapes other than a fingertip and the object, m, at most `NEAR`; at which sample, and
+    """Least distance of any two shapes other than a fingertip and the object, m, at most `NEAR_M`; at which sample, and
     between which bodies."""
     between: tuple[float, int, str]
     """How deep, at most, such a pair can be in each other between samples, or a FREE tip in the object beyond what a
@@ -103,7 +103,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     torque, weight = np.zeros((k, hand.nq)), np.zeros((k, hand.nq))
     shapes = Shapes.of(scene, tree)
     travel = _travel(trajectory, states, tree, levers(tree, shapes.size[:-1], scene), shapes.size[-1])
-    clearances = Clearances(scene, shapes, trajectory, NEAR)
+    clearances = Clearances(scene, shapes, trajectory, NEAR_M)
 
     def look(first: int) -> Near:
         rows = slice(first, min(first + CHUNK, k))
@@ -135,7 +135,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     if nearest[0] >= 0:  # else that tells all
         between = clearances.between(states, travel)
         grazed = _free_tips_between(trajectory, states, scene, digits, gap, travel)
-    far = (digits == 0) & (gap > NEAR)
+    far = (digits == 0) & (gap > NEAR_M)
     gap[far], n_O[far] = np.nan, np.nan
     return Observed(
         states=states,

@@ -11,7 +11,7 @@ from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.joints import check_joints
-from drake_hand.verify.observe import NEAR, sample_times
+from drake_hand.verify.observe import NEAR_M, sample_times
 
 GOAL_DEG = 0.1
 _ROUNDED = 1e-9
@@ -44,7 +44,7 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
         depth, where = np.zeros(len(times)), []
         for k in range(len(times)):
             scene.set(states.q[k], states.X_WO[k])
-            a, b, gap = min(scene.clearances(NEAR), key=lambda pair: pair[2], default=("", "", NEAR))
+            a, b, gap = min(scene.clearances(NEAR_M), key=lambda pair: pair[2], default=("", "", NEAR_M))
             depth[k] = -gap * 1e3
             where.append(f"{a} and {b}" if a else "")
         findings.add("penetration_mm", depth, states.t, states.part, where.__getitem__)

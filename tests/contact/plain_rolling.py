@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
 from drake_hand.contact.submodel import Model
 from drake_hand.contact.surface import Surface
-from drake_hand.planning.kernels.stroke import BEND, KINK, SLIP, STEP
+from drake_hand.planning.kernels.stroke import MOST_DRIFT_M, MOST_STEP_CHANGE_RAD, SLIP, STEP
 
 _DAMPING = 1e-4
 """Of the least-squares solutions, m per rad: keeps them bounded next to singular poses."""
@@ -83,7 +83,7 @@ def roll(
         ends = [
             ("joint limit", ((now < kinematics.lower) | (now > kinematics.upper)).any(1)),
             ("singular", (np.abs(now - before).max(axis=1) > STEP) | (slipped > SLIP)),
-            ("edge", (surface.edge_distance(tip.p_OS) < edge_margin) | ((k > 0) & (drift > KINK))),
+            ("edge", (surface.edge_distance(tip.p_OS) < edge_margin) | ((k > 0) & (drift > MOST_DRIFT_M))),
         ]
         dead = np.zeros(len(alive), dtype=bool)
         for word, mask in ends:
@@ -138,7 +138,7 @@ def _step(tip: _Tip, X_a: np.ndarray, X_b: np.ndarray, q: np.ndarray, model: Mod
     half[:3, 3] = X_a[:3, 3] + v / 2
     start, _ = tip.rates(w, v, model)
     rates, missed = _Tip(tip.kinematics, tip.surface, q + start / 2, half).rates(w, v, model)
-    return q + rates, np.where(np.abs(rates - start).max(axis=1) > BEND, np.inf, missed)
+    return q + rates, np.where(np.abs(rates - start).max(axis=1) > MOST_STEP_CHANGE_RAD, np.inf, missed)
 
 
 def _apply(A: np.ndarray, x: np.ndarray) -> np.ndarray:

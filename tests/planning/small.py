@@ -13,11 +13,11 @@ from drake_hand.planning import approach
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.holding import Equilibrium, Holding
 from drake_hand.planning.kernels.world import World
-from drake_hand.planning.moves import Corridor, Moves
+from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.state import by_finger
-from drake_hand.planning.world import Grid, load, world
+from drake_hand.planning.world import Grid, load_on_hand, world
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
 
 UP = {"kanguera": (-9.81, 0.0, 0.0), "quartet": (-9.81, 0.0, 0.0), "trio": (0.0, 0.0, -9.81)}
@@ -74,13 +74,13 @@ def moves(hand: str, object_: str, way: ObjectPath, holding: Holding | None = No
     """As a run makes them, in a corridor of 10 deg and 10 mm."""
     c = clearance(hand, object_)
     values = {
-        "corridor": Corridor(rad=np.radians(10.0), m=10e-3),
+        "corridor": OffsetBounds(rad=np.radians(10.0), m=10e-3),
         "fingers": frozenset(range(len(c.hand.fingers))),
         "allowed": lambda touching: True,
         "rng": np.random.default_rng(0),
     } | changes
     world_, grid = _world(hand, object_)
-    load_ = load(holding or equilibrium(hand, object_), 2)
+    load_ = load_on_hand(holding or equilibrium(hand, object_), 2)
     return Moves(clearance=c, world=world_, load=load_, grid=grid, path=way, **values)
 
 
@@ -134,7 +134,7 @@ def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold
     return hold
 
 
-def touch(reach: ReachTable, hold: Hold) -> approach.Contact:
+def touch(reach: ReachTable, hold: Hold) -> approach.PlannedContact:
     """Where a hold begins, as closing the hand asks for it."""
     X = reach.path.X_WO[hold.birth]
-    return approach.Contact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))
+    return approach.PlannedContact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))

@@ -83,7 +83,7 @@ def test_fingers_whose_ways_are_clear_go_at_once(crossing):
     assert approach.ways(c, c.hand.q_home, {0: c.hand.q_home[c.hand.fingers[0].columns]}, X) == []
 
 
-def touched(reach, holds) -> dict[int, approach.Contact]:
+def touched(reach, holds) -> dict[int, approach.PlannedContact]:
     return {h.finger: touch(reach, h) for h in holds}
 
 

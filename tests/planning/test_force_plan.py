@@ -13,7 +13,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.transit import Surroundings, lift
+from drake_hand.planning.transit import Surroundings, lift_off
 from drake_hand.plans.path import Leg
 from tests.planning.small import UP, contact, equilibrium, scene, table, turn
 
@@ -48,7 +48,7 @@ def regrasped():
         builder.make(h.finger, X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
     builder.dwell()
     builder.dwell()
-    lifted, able = lift(Surroundings.of(reach.clearance, q, X, 3), 3, holds[3].q[:1], holds[3].n_W[:1], 8e-3)
+    lifted, able = lift_off(Surroundings.of(reach.clearance, q, X, 3), 3, holds[3].q[:1], holds[3].n_W[:1], 8e-3)
     assert able[0]
     builder.break_(3)
     builder.move({3: lifted[0]})

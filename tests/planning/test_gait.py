@@ -8,12 +8,12 @@ import pytest
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.world import load
+from drake_hand.planning.world import load_on_hand
 from tests.planning.small import equilibrium, moves, path, table, turn, waiting
 
 FINGERS = [0, 1, 2, 3]
 STROKE = 10
-ENOUGH = 0.1
+AMPLE_MARGIN_N = 0.1
 
 
 @pytest.fixture(scope="module")
@@ -23,12 +23,12 @@ def reach():
 
 @pytest.fixture(scope="module")
 def gaits(reach):
-    bears, rng = load(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
+    bears, rng = load_on_hand(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     every = lambda touching: True  # noqa: E731
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gait, "SAMPLES", 1000)  # a look at fewer: this is about what is found, not how much
         patch.setattr(gait, "POOL", 40)
-        return gait.find(reach, FINGERS, bears, every, rng, enough=ENOUGH, strokes=(STROKE,), starts=1)
+        return gait.find(reach, FINGERS, bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,), starts=1)
 
 
 def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
@@ -69,16 +69,16 @@ def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
 
 
 def test_the_best_come_first(gaits):
-    value = [min(one.margin, ENOUGH) for one in gaits]
+    value = [min(one.margin, AMPLE_MARGIN_N) for one in gaits]
     assert value == sorted(value, reverse=True)
 
 
 def test_there_is_no_gait_in_modes_that_may_not_be_used_or_strokes_too_long(reach):
-    bears, rng = load(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
+    bears, rng = load_on_hand(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     never_lifts = lambda touching: len(touching) == 4  # noqa: E731
-    assert gait.find(reach, FINGERS, bears, never_lifts, rng, enough=ENOUGH, strokes=(STROKE,)) == []
+    assert gait.find(reach, FINGERS, bears, never_lifts, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,)) == []
     every = lambda touching: True  # noqa: E731
-    assert gait.find(reach, FINGERS, bears, every, rng, enough=ENOUGH, strokes=(10_000,)) == []
+    assert gait.find(reach, FINGERS, bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(10_000,)) == []
 
 
 def test_the_last_stroke_is_longer_only_where_that_is_clear_and_holds(monkeypatch):

@@ -11,7 +11,7 @@ from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.search import Search
-from drake_hand.planning.state import State
+from drake_hand.planning.state import Node
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
 from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
@@ -21,11 +21,11 @@ SLIPPERY = equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, 
 """Its weight along its axis."""
 
 
-def roots(m, *, every=False, most=False) -> list[State]:
+def roots(m, *, every=False, most=False) -> list[Node]:
     return grasp.roots(m, waiting(HAND), every=every, most=most)
 
 
-def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Search, State | None]:
+def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Search, Node | None]:
     m = moves(HAND, PENCIL, way, **changes)
     search = Search(moves=m, wanted=wanted)
     search.add(begin or roots(m))
@@ -220,7 +220,7 @@ def test_grasps_that_can_be_handed_over_come_first():
             for pick in rng.integers(len(q), size=100):
                 posture = x.q.copy()
                 posture[2] = q[pick]
-                tried.append(State(s=0.0, off=x.off, X=X, q=posture, touching=np.array([True, False, True, True])))
+                tried.append(Node(s=0.0, off=x.off, X=X, q=posture, touching=np.array([True, False, True, True])))
             m.evaluate(tried)
             out.append(np.mean([t.margins[-1] >= 0 for t in tried]))
         return np.array(out)
@@ -232,9 +232,9 @@ def test_states_much_alike_share_a_niche():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
     search = Search(moves=m)
     x = roots(m)[0]
-    twin = State(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching)
-    lifted = State(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching & (np.arange(4) > 0))
-    later = State(s=5.0, off=x.off, X=x.X, q=x.q, touching=x.touching)
+    twin = Node(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching)
+    lifted = Node(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching & (np.arange(4) > 0))
+    later = Node(s=5.0, off=x.off, X=x.X, q=x.q, touching=x.touching)
     m.evaluate([twin, lifted, later])
     search.add([x, twin, lifted, later])
     assert x.niche == twin.niche

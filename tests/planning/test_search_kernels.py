@@ -12,7 +12,7 @@ from drake_hand.planning.kernels import hold, stroke, transit
 from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
 from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
 from drake_hand.planning.transit import MOVING, STEP, Surroundings
-from drake_hand.planning.world import load
+from drake_hand.planning.world import load_on_hand
 from tests.contact.plain_rolling import roll
 from tests.planning.small import (
     as_sets,
@@ -120,7 +120,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
     m, X, q0, touching = pinched
     N = len(q0)
     for holding, least in ((equilibrium("quartet", "pencil_r8"), 0), (Kinematic(2), 2)):
-        load_ = load(holding, least)
+        load_ = load_on_hand(holding, least)
         margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
         XX = np.repeat(X[None], N, axis=0)
         hold.held_without(
@@ -152,7 +152,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
 def test_a_finger_that_cannot_be_commanded_every_way_does_not_hold(pinched):
     m, X, q0, touching = pinched
     N = len(q0)
-    load_, XX = load(equilibrium("quartet", "pencil_r8"), 0), np.repeat(X[None], N, axis=0)
+    load_, XX = load_on_hand(equilibrium("quartet", "pencil_r8"), 0), np.repeat(X[None], N, axis=0)
 
     def margins(dexterity):
         out = np.zeros((N, 5))

@@ -8,7 +8,7 @@ from drake_hand import api
 from drake_hand.contact.surface import Surface
 from drake_hand.model.object import Object
 from drake_hand.physics.replay import replay
-from drake_hand.planning.force_plan import LIGHT
+from drake_hand.planning.force_plan import SLIDING_FORCE_N
 from drake_hand.planning.slide import directions
 from drake_hand.plans.task import Grasp, Slide, Step, Task
 from drake_hand.plans.trajectory import Trajectory
@@ -41,7 +41,7 @@ def test_a_finger_slides_while_the_others_hold_in_equilibrium(slid):
     np.testing.assert_allclose(friction / press, slid.task.physics.friction, rtol=0.02)
     # The tip turns as it goes, so that its material slides in another direction than its contact moves in.
     assert (np.sum(friction_W * along, axis=1) > 0.8 * friction).all()
-    assert press.max() < 2 * LIGHT
+    assert press.max() < 2 * SLIDING_FORCE_N
 
 
 def test_physics_lets_it_slide_that_far(slid):

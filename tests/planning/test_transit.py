@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.transit import KNOTS, MOVING, Surroundings, detour, lift, straight, travel
+from drake_hand.planning.transit import KNOTS, MOVING, Surroundings, detour, lift_off, straight_path, travel
 from tests.planning.small import clearance, contact, path, table, turn
 
 HEIGHT = 15e-3
@@ -28,7 +28,7 @@ def around(reach, *others: tuple[int, np.ndarray]) -> Surroundings:
 def test_a_lift_goes_straight_up_the_normal(pencil):
     holds = pencil.holds(0, 0)
     q, n_W = np.array([h.q[0] for h in holds]), np.array([h.n_W[0] for h in holds])
-    ways, able = lift(around(pencil), 0, q, n_W, HEIGHT)
+    ways, able = lift_off(around(pencil), 0, q, n_W, HEIGHT)
     assert able.any()
     for way, h in zip(ways[able], np.array(holds, dtype=object)[able], strict=True):
         p_WC = pencil.clearance.kinematics[0].fk(way)[0]
@@ -43,7 +43,7 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
     beside = contact(pencil, 1, (0.0, 8e-3, -0.01 + 16.1e-3))
     for other, fine in ((apart, True), (beside, False)):
         s = around(pencil, (1, other.q[0]))
-        ways, able = lift(s, 0, mine.q[:1], mine.n_W[:1], HEIGHT)
+        ways, able = lift_off(s, 0, mine.q[:1], mine.n_W[:1], HEIGHT)
         assert s.clear(0, ways[0, -1:], tip=True)[0] >= CLEARANCE, "its end is clear in any case"
         assert (s.clear(0, ways[0], tip=False).min() >= MOVING) == fine
         assert able[0] == fine
@@ -53,7 +53,7 @@ def test_every_lift_promised_is_clear_all_along_and_at_its_end(pencil):
     mine = pencil.holds(0, 0)
     s = around(pencil, (1, contact(pencil, 1, (0.0, 8e-3, 5e-3)).q[0]))
     q, n_W = np.array([h.q[0] for h in mine]), np.array([h.n_W[0] for h in mine])
-    ways, able = lift(s, 0, q, n_W, HEIGHT)
+    ways, able = lift_off(s, 0, q, n_W, HEIGHT)
     assert 0 < able.sum() < len(mine)
     for way in ways[able]:
         assert s.clear(0, way, tip=False).min() >= MOVING
@@ -76,9 +76,9 @@ def across():
 def test_the_straight_way_through_the_object_is_none(across):
     s, a, b = across
     assert s.clear(0, np.stack([a, b]), tip=True).min() >= CLEARANCE
-    assert straight(s, 0, a, b) is None
+    assert straight_path(s, 0, a, b) is None
     near = a + 0.01
-    way = straight(s, 0, a, near)
+    way = straight_path(s, 0, a, near)
     np.testing.assert_allclose(way[[0, -1]], [a, near])
 
 

@@ -10,7 +10,7 @@ from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.all_pairs import look_at_all_pairs
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.motion import levers, travel_rates
-from drake_hand.verify.observe import NEAR, observe
+from drake_hand.verify.observe import NEAR_M, observe
 from drake_hand.verify.pairs import Shapes, deepest
 
 
@@ -28,7 +28,7 @@ def test_all_that_is_seen_is_what_drake_sees(held, scene, seed):
     assert np.abs(seen.X_WC[..., :3, 3] - plain.p_WC).max() < 1e-12
     R_WO = seen.states.X_WO[:, :3, :3]
     judged = ~np.isnan(seen.gap)
-    assert np.array_equal(judged, (seen.digits > 0) | (plain.gap <= NEAR))
+    assert np.array_equal(judged, (seen.digits > 0) | (plain.gap <= NEAR_M))
     assert np.abs(seen.gap - plain.gap)[judged].max() < 1e-9
     n_W = np.einsum("kij,kfj->kfi", R_WO, seen.n_O)
     outside = judged & (plain.gap > -1e-3)
@@ -50,7 +50,7 @@ def test_bounds_are_below_every_distance():
     X_WO = np.tile(np.eye(4), (k, 1, 1))
     X_WO[:, :3, 3] = rng.uniform([0.0, -0.05, 0.05], [0.12, 0.05, 0.2], (k, 3))
     travel = np.full((k, len(tree.parent) + 1), -1.0)  # nothing is known from one to the next
-    low, meet = shapes.near(tree.pose(q).X_WB, X_WO, travel, NEAR)
+    low, meet = shapes.near(tree.pose(q).X_WB, X_WO, travel, NEAR_M)
     assert not len(meet)
     bound = {(int(r), int(p)): d for r, p, d in low}
     of = {tuple(pair): i for i, pair in enumerate(shapes.pairs.tolist())}
@@ -58,7 +58,7 @@ def test_bounds_are_below_every_distance():
     checked = 0
     for row in range(k):
         scene.set(q[row], X_WO[row])
-        for found in scene.query.ComputeSignedDistancePairwiseClosestPoints(NEAR):
+        for found in scene.query.ComputeSignedDistancePairwiseClosestPoints(NEAR_M):
             pair = of.get(tuple(sorted((order[found.id_A], order[found.id_B]))))
             if pair is not None:
                 checked += 1
@@ -74,8 +74,8 @@ def test_a_pair_left_alone_is_never_near(held, scene):
     seen = observe(trajectory, scene)
     s = seen.states
     X_WB = tree.pose(s.q).X_WB
-    blind, _ = shapes.near(X_WB, s.X_WO, np.full((len(s.t), len(tree.parent) + 1), -1.0), NEAR)
-    knowing, _ = shapes.near(X_WB, s.X_WO, seen.travel, NEAR)
+    blind, _ = shapes.near(X_WB, s.X_WO, np.full((len(s.t), len(tree.parent) + 1), -1.0), NEAR_M)
+    knowing, _ = shapes.near(X_WB, s.X_WO, seen.travel, NEAR_M)
     assert {(r, p) for r, p, _ in blind} == {(r, p) for r, p, _ in knowing}
     assert len(blind)
 

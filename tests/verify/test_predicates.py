@@ -14,7 +14,7 @@ from drake_hand.verify import observe as observing
 from drake_hand.verify.along import Along, at_instants, differences
 from drake_hand.verify.certificate import certify
 from drake_hand.verify.findings import Findings
-from drake_hand.verify.observe import NEAR, observe
+from drake_hand.verify.observe import NEAR_M, observe
 from drake_hand.verify.predicates import KINDS, check_predicates, judge_predicates
 
 INDEX = HAND.finger("index").columns
@@ -58,7 +58,7 @@ def same(predicate, along, situations):
     for i, finding in enumerate(predicate(along).findings):
         values = np.array([findings[i].value for findings in one_by_one])
         if finding.clause.unit == "mm" and "WO" not in finding.clause.name:
-            values = np.minimum(values, NEAR)  # the certificate looks no further
+            values = np.minimum(values, NEAR_M)  # the certificate looks no further
         worst = values.max() if finding.clause.relation == "<=" else values.min()
         assert finding.value == pytest.approx(worst, abs=2e-8), finding.clause.name
         assert values[finding.row] == pytest.approx(worst, abs=2e-8)

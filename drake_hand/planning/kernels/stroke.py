@@ -19,9 +19,9 @@ SLIP = 2e-6
 """What a finger may slip, or lose contact, from one pose to the next before it counts as singular, m."""
 STEP = 0.15
 """Joint step from one pose to the next beyond which it does, rad ..."""
-BEND = 0.02
+MOST_STEP_CHANGE_RAD = 0.02
 """... and how much the step may change within one."""
-KINK = 2e-5
+MOST_DRIFT_M = 2e-5
 """Drift in one step beyond which the surface is not smooth there, m."""
 
 
@@ -71,9 +71,9 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
         if s.half[j] < c.lower[f, j] or s.half[j] > c.upper[f, j]:
             return LIMIT
     missed += math.sqrt(ex * ex + ey * ey + ez * ez)
-    if bend > BEND or most > STEP or missed > SLIP:
+    if bend > MOST_STEP_CHANGE_RAD or most > STEP or missed > SLIP:
         return SINGULAR
-    if math.sqrt(x * x + y * y + z * z) > KINK or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
+    if math.sqrt(x * x + y * y + z * z) > MOST_DRIFT_M or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
         return EDGE
     for j in range(m):
         q[j] = s.half[j]
