@@ -26,7 +26,7 @@ from drake_hand.plans.trajectory import Trajectory
 
 SPEED = 0.3
 """Of what the hand may do: nobody has seen this way before."""
-_CHILD = "from drake_hand.cli.drives_way import answer_wish; child()"
+_CHILD = "from drake_hand.cli.drives_way import answer_wish; answer_wish()"
 _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
 
@@ -60,11 +60,11 @@ def way(
     """
     start = dict(zip(joints, q.tolist(), strict=True))
     wish = Wish(hand=hand, start=start, plan=str(plan) if plan else None, object_there=object_there)
-    answer_wish = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
+    child = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
     try:
-        answer = msgspec.json.decode(answer_wish.stdout)
+        answer = msgspec.json.decode(child.stdout)
     except msgspec.DecodeError as e:
-        last = (answer_wish.stderr.decode().strip().splitlines() or ["no answer"])[-1]
+        last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
         raise DrakeHandError(f"cannot plan a path (it takes a computer with Drake): {last}") from e
     if "reason" in answer:
         raise NoPlanFound(f"no path from here: {answer['reason']}")
