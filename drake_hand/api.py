@@ -100,8 +100,12 @@ class Unproven(NoPlanFound):
         self.plan = msgspec.structs.replace(plan, certificate=certificate)
 
 
-def unfinished(error: NoPlanFound) -> Plan | None:
+def unfinished(error: NoPlanFound, *, progress: Callable[[Progress], None] | None = None) -> Plan | None:
     """What planning found although it failed: the plan that was refused, or one as far as the search got.
+
+    Args:
+        error: what :func:`solve` ended with.
+        progress: called with how far its certificate has come.
 
     Returns:
         A plan, not certified; None where no search got anywhere.
@@ -114,8 +118,11 @@ def unfinished(error: NoPlanFound) -> Plan | None:
         return None
     from drake_hand.motion.timing import time_path
 
-    plan = time_path(error.path)
-    return msgspec.structs.replace(plan, certificate=check(plan))
+    try:
+        plan = time_path(error.path())
+    except NoPlanFound:  # no forces hold the object along it
+        return None
+    return msgspec.structs.replace(plan, certificate=check(plan, progress=progress))
 
 
 def plan(

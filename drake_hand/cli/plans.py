@@ -63,7 +63,7 @@ def plan(
         try:
             result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
         except NoPlanFound as e:
-            unfinished = api.unfinished(e)
+            unfinished = api.unfinished(e, progress=progress)
             if html:  # instead of the page of an older plan
                 write_atomic(html, api.show(unfinished) if unfinished else api.show_failure(task, e))
             if unfinished:

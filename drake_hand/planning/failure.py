@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Literal
 
 import numpy as np
@@ -13,14 +13,14 @@ from drake_hand.plans.path import Path
 
 
 class Stopped(NoPlanFound):
-    """A search that did not reach the end of the motion, with the path to where it got.
+    """A search that did not reach the end of the motion, but got somewhere.
 
     Args:
         why: the failure.
-        path: to the state that got farthest.
+        path: works out the path to the state that got farthest; raises `NoPlanFound` where no forces hold along it.
     """
 
-    def __init__(self, why: NoPlanFound, path: Path) -> None:
+    def __init__(self, why: NoPlanFound, path: Callable[[], Path]) -> None:
         super().__init__(why.reason, status=why.status, evidence=why.evidence)
         self.path = path
 

@@ -24,6 +24,7 @@ from drake_hand.planning.search import Progress, Search
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.turns import Attempt, in_turn
+from drake_hand.plans.path import Path
 from drake_hand.plans.task import Grasp, Step, Task
 
 SEARCHES = 6
@@ -191,12 +192,12 @@ def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoP
     if not some:
         return why
     best = max(some, key=lambda x: x.search.fraction)
-    assert best.search.farthest is not None, "a search that is founded has roots"
-    builder = _built(problem, best.builder, best.search.moves, best.search.farthest)
-    try:
-        return Stopped(why, finished(problem, best.task, builder))
-    except NoPlanFound:
-        return why
+
+    def path() -> Path:
+        assert best.search.farthest is not None, "a search that is founded has roots"
+        return finished(problem, best.task, _built(problem, best.builder, best.search.moves, best.search.farthest))
+
+    return Stopped(why, path)
 
 
 def _gait(problem: Problem, attempt: Attempt) -> Node | None:
