@@ -33,22 +33,19 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     make_folder(output)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     page, physics = output / "spin.html", output / "spin-physics.html"
-    steps: dict[str, Callable[[], int | None]] = {
-        "Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page),
-        "Prove it again, from its file alone": lambda: plans.check(file),
-    }
-    if status := _one_by_one(steps, 1):
+    if status := _one_by_one({"Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page)}, 1):
         return status
     with _beside("simulate", file, "--html", physics) as replay:
-        steps = {
+        steps: dict[str, Callable[[], int | None]] = {
+            "Prove it again, from its file alone": lambda: plans.check(file),
             "Play it on simulated drives": lambda: drives_execute.execute(
                 file, drives="kanguera", simulate=True, log=run
             ),
-            "Replay it in physics": lambda: _answer(replay),
             "Draw the plan": lambda: plot(file, output=output / "figures"),
             "Draw the run": lambda: plot(run, output=output / "figures" / "run"),
+            "Replay it in physics": lambda: _answer(replay),
         }
-        if status := _one_by_one(steps, 3):
+        if status := _one_by_one(steps, 2):
             return status
     print(f"\nopen {page} in a browser to watch the plan, {physics} to watch physics")
     return 0
