@@ -13,12 +13,12 @@ import msgspec
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.files import convert
 from drake_hand.plans.plan import Certificate, Plan
+from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Options, Task
 
 if TYPE_CHECKING:
     from drake_hand.model.hand import Hand
     from drake_hand.physics.run import Record, SimulatedRun
-    from drake_hand.planning.search import Progress
     from drake_hand.view.page import Page
 
 
@@ -138,7 +138,6 @@ def plan(
 
 def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> Certificate:
     """Proves a plan again, by code that shares nothing with the planner but the model."""
-    from drake_hand.planning.search import Progress
     from drake_hand.verify.certificate import certify
 
     def tell(share: float) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +14,10 @@ from cyclopts import Parameter
 from drake_hand.cli import plans
 from drake_hand.cli.output import progress_display
 from drake_hand.files import make_folder
+from drake_hand.plans.progress import Progress
+
+PAGE, PHYSICS = "spin.html", "spin-physics.html"
+STEPS = 6
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
@@ -27,37 +31,32 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     Args:
         output: the folder to write to.
     """
+    make_folder(output)
+    with closing(_steps(output)) as steps:
+        for number, (title, step) in enumerate(steps, start=1):
+            print(f"\n[{number}/{STEPS}] {title}\n", flush=True)
+            if status := step():
+                return status
+    print(f"\nopen {output / PAGE} in a browser to watch the plan, {output / PHYSICS} to watch physics")
+    return 0
+
+
+def _steps(output: Path) -> Generator[tuple[str, Callable[[], int | None]], None, None]:
+    """What is done in turn; physics is worked out beside all that follows the plan."""
     from drake_hand.cli import drives_execute
     from drake_hand.cli.plot import plot
 
-    make_folder(output)
     file, run = output / "spin.plan.json", output / "spin.run.npz"
-    page, physics = output / "spin.html", output / "spin-physics.html"
-    if status := _one_by_one({"Plan a full turn of the pencil": lambda: plans.plan("spin", output=file, html=page)}, 1):
-        return status
-    with _beside("simulate", file, "--html", physics) as replay:
-        steps: dict[str, Callable[[], int | None]] = {
-            "Prove it again, from its file alone": lambda: plans.check(file),
-            "Play it on simulated drives": lambda: drives_execute.execute(
-                file, drives="kanguera", simulate=True, log=run
-            ),
-            "Draw the plan": lambda: plot(file, output=output / "figures"),
-            "Draw the run": lambda: plot(run, output=output / "figures" / "run"),
-            "Replay it in physics": lambda: _answer(replay),
-        }
-        if status := _one_by_one(steps, 2):
-            return status
-    print(f"\nopen {page} in a browser to watch the plan, {physics} to watch physics")
-    return 0
-
-
-def _one_by_one(steps: dict[str, Callable[[], int | None]], first: int) -> int:
-    """Takes the steps in turn; the status of the one that fails, 0 if none does."""
-    for number, (title, step) in enumerate(steps.items(), start=first):
-        print(f"\n[{number}/6] {title}\n", flush=True)
-        if status := step():
-            return status
-    return 0
+    yield "Plan a full turn of the pencil", lambda: plans.plan("spin", output=file, html=output / PAGE)
+    with _beside("simulate", file, "--html", output / PHYSICS) as replay:
+        yield "Prove it again, from its file alone", lambda: plans.check(file)
+        yield (
+            "Play it on simulated drives",
+            lambda: drives_execute.execute(file, drives="kanguera", simulate=True, log=run),
+        )
+        yield "Draw the plan", lambda: plot(file, output=output / "figures")
+        yield "Draw the run", lambda: plot(run, output=output / "figures" / "run")
+        yield "Replay it in physics", lambda: _answer(replay)
 
 
 @contextmanager
@@ -74,8 +73,6 @@ def _beside(*words: str | Path) -> Iterator[subprocess.Popen]:
 
 def _answer(process: subprocess.Popen) -> int:
     """Prints what a command says, once it is done."""
-    from drake_hand.planning.search import Progress
-
     with progress_display(quiet=False) as progress:
         progress(Progress(stage="physics"))
         out, err = process.communicate()

@@ -11,8 +11,8 @@ from drake_hand.model.hand import Hand
 from drake_hand.modes.code import Mode
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.run import Run
-from drake_hand.planning.search import Progress
 from drake_hand.plans.path import Path
+from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Task
 
 

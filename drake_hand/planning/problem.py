@@ -19,8 +19,8 @@ from drake_hand.planning.kernels.world import World
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose, still
-from drake_hand.planning.search import Progress
 from drake_hand.planning.world import Grid, load_on_hand, world
+from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 

@@ -22,6 +22,7 @@ from drake_hand.planning.period import Period
 from drake_hand.planning.state import Node
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
+from drake_hand.plans.progress import Progress
 
 BIN = 2.0
 """Ticks of progress that share a bin."""
@@ -45,18 +46,6 @@ BY_THEMSELVES = 2.0
 """What each newton counts that the wanted fingers have to spare, or are short of, without the others."""
 UNWANTED = 6.0
 """Ticks that a finger costs which has still to make or break contact at the end."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """Where planning stands."""
-
-    stage: str
-    fraction: float = 0.0
-    expansions: int = 0
-    best_bound: float = 0.0
-    """Regrasps behind the state that got farthest."""
-    elapsed_s: float = 0.0
 
 
 @dataclass(kw_only=True)

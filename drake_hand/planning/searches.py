@@ -20,11 +20,12 @@ from drake_hand.planning.park import park
 from drake_hand.planning.period import Period
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ReachTable
-from drake_hand.planning.search import Progress, Search
+from drake_hand.planning.search import Search
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.turns import Attempt, in_turn
 from drake_hand.plans.path import Path
+from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Grasp, Step, Task
 
 SEARCHES = 6

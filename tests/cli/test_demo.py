@@ -30,7 +30,9 @@ def called(monkeypatch):
 def test_goes_the_whole_way(called, tmp_path, capsys):
     assert cli.run(["demo", "-o", str(tmp_path)]) == 0
     assert called == [name for _, name in STEPS]
-    assert str(tmp_path / "spin.html") in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert str(tmp_path / "spin.html") in out
+    assert f"[{len(STEPS)}/{len(STEPS)}]" in out
 
 
 def test_stops_where_the_answer_is_no(called, tmp_path, monkeypatch):

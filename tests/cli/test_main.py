@@ -12,7 +12,7 @@ import rich.progress
 from drake_hand import cli
 from drake_hand.cli import app, output
 from drake_hand.errors import DrakeHandError, Evidence, InputError, NoPlanFound
-from drake_hand.planning.search import Progress
+from drake_hand.plans.progress import Progress
 
 
 @pytest.fixture
