@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,7 +65,10 @@ class Curve:
         x = np.hstack([leg.q, quaternions(leg.X_WO[:, :3, :3]), leg.X_WO[:, :3, 3]])
         self._spline = _spline(self._s, np.hstack([x, *leg.p_OP.values()]))
         loads = {f"f_W {name}": f for name, f in (leg.f_W or {}).items()}
-        self._loads = loads | ({"q_offset": leg.q_offset} if leg.q_offset is not None else {})
+        loads |= {"q_offset": leg.q_offset} if leg.q_offset is not None else {}
+        self._loads = np.hstack([np.zeros((len(leg.q), 0)), *loads.values()])
+        ends = np.cumsum([0, *(load.shape[1] for load in loads.values())]).tolist()
+        self._columns = {name: slice(a, b) for name, (a, b) in zip(loads, itertools.pairwise(ends), strict=True)}
         self.moves = bool(np.ptp(x, axis=0).max() > 1e-9)
 
     def coordinates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
@@ -81,7 +85,8 @@ class Curve:
         u = x[:, quaternion]
         dx[:, quaternion] = (dx[:, quaternion] - u * np.sum(u * dx[:, quaternion], axis=1, keepdims=True)) / norm
         points = {f"p_OP {f}": rows[:, pose + 3 * i : pose + 3 * i + 3] for i, f in enumerate(self.leg.p_OP)}
-        return x, dx, points | {name: linear(s, self._s, load) for name, load in self._loads.items()}
+        loads = linear(s, self._s, self._loads)
+        return x, dx, points | {name: loads[:, columns] for name, columns in self._columns.items()}
 
     @cached_property
     def momentum(self) -> BSpline:

@@ -12,7 +12,7 @@ from scipy.interpolate import PPoly
 from drake_hand import __version__
 from drake_hand.model.scene import Scene
 from drake_hand.motion import law as laws
-from drake_hand.motion.curve import Curve, RateLimits, linear
+from drake_hand.motion.curve import Curve, RateLimits
 from drake_hand.motion.flow import flowing
 from drake_hand.motion.inertia import OWN_N, Inertia
 from drake_hand.plans.path import Leg, Path
@@ -137,23 +137,37 @@ class _Timed:
     def knots(self) -> np.ndarray:
         """Times between which the plan's interpolation follows the leg closely enough."""
         t = np.linspace(0.0, self.law.x[-1], 13 if self.curve.moves else 2)
-        tolerance = np.concatenate([np.full(self.curve.nq, _JOINTS), np.full(7, _POSE)])
+        x, dx, contacts = self.rows(t)
+        loads = np.hstack(list(contacts.values())) if contacts else np.zeros((len(t), 0))
+        tolerance = np.concatenate([np.full(self.curve.nq, _JOINTS), np.full(7, _POSE), *map(self._allowed, contacts)])
         u = np.array([0.25, 0.5, 0.75])
+        begin = np.arange(len(t) - 1)
         for _ in range(8):
-            between = (t[:-1, None] + np.diff(t)[:, None] * u).ravel()
-            x, dx, contacts = self.rows(t)
-            x_exact, _, contacts_exact = self.rows(between)
-            cubic = np.einsum("up,npm->num", u[:, None] ** np.arange(4), hermite(t, x, dx))
-            ratio = np.max(np.abs(cubic.reshape(x_exact.shape) - x_exact) / tolerance, axis=1)
-            for name, exact in contacts_exact.items():
-                error = np.abs(linear(between, t, contacts[name]) - exact).max(axis=1)
-                unit = self.curve.limits.weight if name.startswith("f_W") else 1.0
-                ratio = np.maximum(ratio, error / unit / _CONTACTS[name.partition(" ")[0]])
-            split = ratio.reshape(-1, 3).max(axis=1) > 1
+            between = t[begin, None] + np.diff(t)[begin, None] * u
+            x_exact, dx_exact, exact = self.rows(between.ravel())
+            loads_exact = np.hstack(list(exact.values())) if exact else np.zeros((between.size, 0))
+            cubic = np.einsum("up,npm->num", u[:, None] ** np.arange(4), hermite(t, x, dx)[begin])
+            line = loads[begin, None] + u[:, None] * (loads[begin + 1] - loads[begin])[:, None]
+            off = np.concatenate([cubic, line], axis=2).reshape(between.size, -1) - np.hstack([x_exact, loads_exact])
+            split = (np.abs(off) > tolerance).any(axis=1).reshape(between.shape).any(axis=1)
             if not split.any():
                 break
-            t = np.sort(np.concatenate([t, ((t[:-1] + t[1:]) / 2)[split]]))
+            # what was looked at halfway is where the next knots are
+            at, half = begin[split] + 1, 3 * np.flatnonzero(split) + 1
+            t = np.insert(t, at, between[split, 1])
+            x, dx, loads = (
+                np.insert(rows, at, more[half], axis=0)
+                for rows, more in ((x, x_exact), (dx, dx_exact), (loads, loads_exact))
+            )
+            first = at - 1 + np.arange(len(at))
+            begin = np.sort(np.concatenate([first, first + 1]))
         return t
+
+    def _allowed(self, name: str) -> np.ndarray:
+        """What the interpolation of a contact's point or force, or of the offsets, may add."""
+        kind = name.partition(" ")[0]
+        unit = self.curve.limits.weight if kind == "f_W" else 1.0
+        return np.full(self.curve.nq if kind == "q_offset" else 3, _CONTACTS[kind] * unit)
 
 
 def _time(curve: Curve, optimal: bool) -> _Timed:

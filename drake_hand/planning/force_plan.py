@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +9,14 @@ import numpy as np
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction
 from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.contact.forces import ForceProblem, Forces, Unbalanced, balance_forces
+from drake_hand.contact.forces import ForceProblem, Unbalanced, balance_forces
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.planning.failure import no_plan
+from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.knots import finer, rests, with_ramps
 from drake_hand.planning.slide import directions
@@ -100,25 +100,22 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         fixture=held,
     )
 
-    def balanced(rows: slice) -> Forces:
-        return balance_forces(contacts[rows], problem[rows])
-
     lost = INTERPOLATED * holding.weight
     # what can be told of knots before there are forces saves working these out twice
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding)
     try:
-        forces = balanced(slice(n))
+        f_W = forces_along(contacts, problem, starts)
     except Unbalanced as e:
-        raise _blamed(e, balanced, legs, starts, X) from e
-    more = finer(legs, starts, p, forces.f_W, lost)
+        raise _blamed(e, contacts, problem, legs, starts, X) from e
+    more = finer(legs, starts, p, f_W, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding)
-    pressed = np.einsum("nki,nki->nk", forces.f_W, -normal)
+    pressed = np.einsum("nki,nki->nk", f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
-    offset = joint_offsets(hand, J, forces.f_W, moved)
+    offset = joint_offsets(hand, J, f_W, moved)
     knots = np.arange(n)
     for finger, on in zip(hand.fingers, touching.T, strict=True):
         for c in finger.columns if on.any() else ():
@@ -134,18 +131,23 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
-        f_W = {name: forces.f_W[a:b, names.index(name)] for name in leg.p_OP}
-        out.append(replace(leg, f_W=f_W, q_offset=offset[a:b]))
+        of_finger = {name: f_W[a:b, names.index(name)] for name in leg.p_OP}
+        out.append(replace(leg, f_W=of_finger, q_offset=offset[a:b]))
     return out
 
 
 def _blamed(
-    error: Unbalanced, balanced: Callable[[slice], Forces], legs: list[Leg], starts: np.ndarray, X_WO: np.ndarray
+    error: Unbalanced,
+    contacts: ContactSets,
+    problem: ForceProblem,
+    legs: list[Leg],
+    starts: np.ndarray,
+    X_WO: np.ndarray,
 ) -> NoPlanFound:
     """The error, told of the first knot that cannot be balanced by itself, where there is one."""
     for j, X in enumerate(X_WO):
         try:
-            balanced(slice(j, j + 1))
+            balance_forces(contacts[j : j + 1], problem[j : j + 1])
         except Unbalanced:
             leg = legs[min(int(np.searchsorted(starts, j, side="right")) - 1, len(legs) - 1)]
             what = "no contact forces balance the object within friction, efforts and joint limits"

@@ -24,9 +24,10 @@ from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
-LEAST_PRELOAD, PRELOAD_SHARE = 0.1, 0.6
-"""Normal force every contact must be able to bear beside balancing the object: N at least, and share of its weight.
-What holds a 40 g cube with 0.1 N in hand was dropped in physics, with 0.35 N it was not."""
+LEAST_PRELOAD, PRELOAD_SHARE, MOST_PRELOAD = 0.1, 0.6, 0.35
+"""Normal force every contact must be able to bear beside balancing the object: N at least, share of its weight, N at
+most. What holds a 40 g cube with 0.1 N in hand was dropped in physics, with 0.35 N it was not. What a wrong pose takes
+off a contact goes with the tip's stiffness, not with the weight: heavy objects need no more."""
 INSIDE = 0.98
 """Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
 FINENESS = 2
@@ -125,5 +126,5 @@ class Problem:
             gravity=np.asarray(physics.gravity),
             mass=mass,
             friction=physics.friction,
-            preload=max(LEAST_PRELOAD, PRELOAD_SHARE * STANDARD_GRAVITY * mass),
+            preload=float(np.clip(PRELOAD_SHARE * STANDARD_GRAVITY * mass, LEAST_PRELOAD, MOST_PRELOAD)),
         )
