@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_hand.contact.chain import cross
 from drake_hand.model.object import Geometry, Object
+from drake_hand.plans.tolerances import PATCH_M
 
 SAME_M, SAME_COS = 1.0e-5, 0.9999
 """How far a surface may be off another that is taken for the same, in place, and in direction as a cosine."""
@@ -83,6 +84,30 @@ class Surface:
         for e in np.eye(3) * step:
             columns.append((self.closest(p_O + e)[1] - self.closest(p_O - e)[1]) / (2 * step))
         return np.stack(columns, axis=-1)
+
+    def bend(self, p_OC: np.ndarray, radius: float) -> np.ndarray:
+        """How much the surface curves away from a sphere that touches it, over the patch that a pad comes to touch.
+
+        Over the expanded surface the normal turns by c / (1 + radius c); radius times that tells the curvature c. Seen
+        over a patch, the edges between the facets of a mesh bend it by what they turn the normal, and no more.
+
+        Args:
+            p_OC: (N, 3) the sphere's centre.
+            radius: of the sphere, m.
+
+        Returns:
+            (N,) product of 1 + radius x principal curvature: 1 where it is flat, 400 at most, at a corner.
+        """
+        _, nhat_O, _ = self.closest(p_OC)
+        sides = np.stack(self.tangents(nhat_O))
+        H = np.zeros((len(p_OC), 2, 2))
+        for angle in np.arange(3) * np.pi / 3:
+            u = np.array([np.cos(angle), np.sin(angle)])
+            aside = PATCH_M * np.einsum("a,anj->nj", u, sides)
+            turned = self.closest(p_OC + aside)[1] - self.closest(p_OC - aside)[1]
+            H += np.einsum("anj,nj,b->nab", sides, turned, u) / (3 * PATCH_M)
+        turn = np.linalg.eigvalsh((H + H.swapaxes(1, 2)) / 2)
+        return np.prod(1 / np.clip(1 - radius * turn, 0.05, 1.0), axis=1)
 
     def tangents(self, nhat_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit tangents (t1, t2) of the chart (s1, s2), each (N, 3), with t1 x t2 = nhat.

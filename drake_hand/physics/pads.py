@@ -44,8 +44,5 @@ def pad_stiffness(plan: Plan, hand: Hand, object_: Object, stiffness: float = 1.
             continue
         p_OP, force = np.array(points)[pressed], size[pressed]
         p_OC = p_OP + finger.radius * surface.closest(p_OP)[1]
-        # Over the expanded surface the normal turns by 1 / (R + r); r times that tells how curved the surface is.
-        turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
-        bend = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
-        out[i] = np.median(force / pad_compression(pad, force, bend))
+        out[i] = np.median(force / pad_compression(pad, force, surface.bend(p_OC, finger.radius)))
     return out

@@ -80,9 +80,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         p[rows, i] = np.einsum("nij,nj->ni", R, foot) + t
         normal[rows, i] = n_W
         J[rows, i, :, : len(finger.columns)] = J_C + finger.radius * skew(n_W) @ Jw
-        # Over the expanded surface the normal turns by 1 / (R + r); r times that tells how curved the surface is.
-        turn = np.linalg.eigvalsh(surface.curvature(p_OC))[:, 1:]
-        bend[rows, i] = np.prod(1 / np.clip(1 - finger.radius * turn, 0.05, 1.0), axis=1)
+        bend[rows, i] = surface.bend(p_OC, finger.radius)
     light = _slides(legs, starts, hand, q, J, normal)
     weight = weight_offsets(scene, q, gravity_W)
     wanted = holding.wanted(hand, J, normal)

@@ -8,6 +8,8 @@ TORQUE_LENGTH = 0.01
 """m; a force at this length weighs as much as a torque."""
 UNBALANCED_SHARE = 0.02
 """Part of the object's weight that may stay unbalanced; torque: that force at `TORQUE_LENGTH`."""
+PATCH_M = 1e-3
+"""m; half the width of what a fingertip touches that is pressed by some tenths of a newton."""
 LEVER_M = 0.1
 """m; a point this far from O turns an object's rotation into a length, and its speed into a rate."""
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from drake_hand.compiled import njit
 from drake_hand.model.object import Object
+from drake_hand.plans.tolerances import PATCH_M
 
 _KINDS = ("sphere", "capsule", "cylinder", "box", "mesh")
-_BEND = 1e-5
-"""m aside, to see how the normal turns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +59,8 @@ class PackedObject:
     def bend(self, p_O: np.ndarray, n_O: np.ndarray, radius: float) -> np.ndarray:
         """How much the surface curves away from a sphere whose centre p_O (k, 3) lies above it, normal n_O (k, 3).
 
+        Over the patch a pad touches: at the edges of a mesh's facets the surface is no sharper than its facets differ.
+
         Returns:
             (k,) product of 1 + radius x principal curvature: 1 where it is flat, 400 at most, at a corner.
         """
@@ -67,9 +68,10 @@ class PackedObject:
         t = np.cross(e, n_O)
         t /= np.linalg.norm(t, axis=1, keepdims=True)
         sides = np.stack([t, np.cross(n_O, t)], axis=1)
-        # the normal turns by c / (1 + radius c) per way of the sphere's centre
-        turned = [self.distance(p_O + s * _BEND * sides[:, i])[1] for i in range(2) for s in (1, -1)]
-        H = np.stack([turned[0] - turned[1], turned[2] - turned[3]], axis=1) @ np.swapaxes(sides, 1, 2) / (2 * _BEND)
+        # the normal turns by c / (1 + radius c) per way of the sphere's centre; as many ways make that of all of them
+        way = np.exp(1j * np.pi / 3 * np.arange(6)).view(float).reshape(6, 2)
+        normal = self.distance(p_O[:, None] + PATCH_M * (way @ sides))[1]
+        H = (sides @ np.swapaxes(normal, 1, 2)) @ way / (3 * PATCH_M)
         turn = np.linalg.eigvalsh((H + np.swapaxes(H, 1, 2)) / 2)
         return np.prod(1 / np.clip(1 - radius * turn, 0.05, 1.0), axis=1)
 
