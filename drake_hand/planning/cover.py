@@ -18,8 +18,10 @@ _FINE = 2.5
 """Longest edge of the triangles that are covered one by one, over how far spheres may reach beyond the shape."""
 _DEPTHS = (1.0, 2.0, 4.0, 8.0)
 """Of centres under the surface, over the same."""
-_COARSER = 1.4
-"""By which it grows until the spheres are few enough."""
+_DRAWN = 1500
+"""About how many centres of each depth are enough for most of a shape."""
+_COARSER = 1.2, 2.0
+"""By how much, at least and at most, it grows at a time until the spheres are few enough."""
 _TRIANGLES = 2000
 """About how many triangles there may be."""
 
@@ -66,7 +68,7 @@ def _cover_mesh(vertices: bytes, faces: bytes, beyond: float, most: int) -> tupl
         found = _spheres(mesh, np.asarray(points)[triangles], beyond)
         if len(found[1]) <= most:
             return found
-        beyond *= _COARSER
+        beyond *= float(np.clip(np.sqrt(len(found[1]) / most), *_COARSER))
 
 
 def _spheres(mesh: trimesh.Trimesh, triangles: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
@@ -76,12 +78,19 @@ def _spheres(mesh: trimesh.Trimesh, triangles: np.ndarray, beyond: float) -> tup
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-15)[:, None]
-    p = np.concatenate(
-        [(middle - depth * beyond * normal)[:: max(int(depth), 2)] for depth in _DEPTHS]
-    )  # deep ones are alike
-    r = (offset - p @ out.T).min(axis=1) + beyond
-    p, r = p[r > 2 * beyond], r[r > 2 * beyond]
-    p = np.concatenate([middle, p])  # each of the first covers the triangle it is in, whatever its size
-    r = np.concatenate([np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1) + 1e-9, r])
-    chosen = choose(np.ascontiguousarray(triangles), area, p, r)
-    return p[chosen], r[chosen]
+    worth = area + 1e-3 * area.mean()
+
+    def deep(rows: np.ndarray, fewer: int) -> tuple[np.ndarray, np.ndarray]:
+        p = np.concatenate(
+            [(middle[rows] - depth * beyond * normal[rows])[:: max(int(depth), 2, fewer)] for depth in _DEPTHS]
+        )
+        r = (offset - p @ out.T).min(axis=1) + beyond
+        return p[r > 2 * beyond], r[r > 2 * beyond]
+
+    p, r = deep(np.arange(len(middle)), len(middle) // _DRAWN)
+    some, left = choose(np.ascontiguousarray(triangles), worth, p, r)
+    # where nothing deep reaches, spheres about single triangles do, whatever their size
+    own = np.linalg.norm(triangles[left] - middle[left, None], axis=2).max(axis=1) + 1e-9
+    centres, radii = (np.concatenate(x) for x in zip((middle[left], own), deep(np.flatnonzero(left), 1), strict=True))
+    more, _ = choose(np.ascontiguousarray(triangles[left]), worth[left], centres, radii)
+    return np.concatenate([p[some], centres[more]]), np.concatenate([r[some], radii[more]])

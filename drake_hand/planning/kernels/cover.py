@@ -1,4 +1,4 @@
-"""Few spheres that cover many triangles: ever the one that adds most area."""
+"""Few spheres that cover many triangles: ever the one that adds most."""
 
 from __future__ import annotations
 
@@ -19,21 +19,27 @@ def _inside(p, r, triangle):
 
 
 @njit((float64[:, :, ::1], float64[::1], float64[:, ::1], float64[::1]))
-def choose(triangles, area, p, r):
-    """Which of spheres with centres p (S, 3) and radii r (S,) to take, each triangle (T, 3, 3) being in one of them."""
+def choose(triangles, worth, p, r):
+    """Which of spheres with centres p (S, 3) and radii r (S,) to take, until they cover what any of them does.
+
+    Returns:
+        Their indices, and which of the triangles (T, 3, 3), each worth something, are left.
+    """
     T, S = len(triangles), len(p)
     covers = np.zeros((T, S), dtype=np.bool_)
-    worth = np.zeros(S)
+    adds = np.zeros(S)
     for t in range(T):
         for s in range(S):
             if _inside(p[s], r[s], triangles[t]):
                 covers[t, s] = True
-                worth[s] += area[t]
+                adds[s] += worth[t]
     left = np.ones(T, dtype=np.bool_)
-    chosen = np.empty(T, dtype=np.int64)
-    n = 0
-    while left.any():
-        best = np.argmax(worth)
+    chosen = np.empty(min(S, T), dtype=np.int64)
+    n, least = 0, 0.5 * worth.min() if T else 0.0
+    while S and left.any():
+        best = np.argmax(adds)
+        if adds[best] < least:
+            break
         chosen[n] = best
         n += 1
         for t in range(T):
@@ -41,6 +47,6 @@ def choose(triangles, area, p, r):
                 left[t] = False
                 for s in range(S):
                     if covers[t, s]:
-                        worth[s] -= area[t]
-        worth[best] = -1.0
-    return chosen[:n]
+                        adds[s] -= worth[t]
+        adds[best] = -1.0
+    return chosen[:n], left
