@@ -11,7 +11,7 @@ from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian
 from drake_hand.model.hand import Hand
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import find_mesh
-from drake_hand.model.xml import Source, read_xml
+from drake_hand.model.xml import Source
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
@@ -65,8 +65,7 @@ def _weight(kinematics: FingerKinematics, hand: Hand, q: np.ndarray, gravity: np
 
 def _moved(hand: Hand, joint: str) -> Inertial:
     """The links that move with a joint and with none after it, in the frame of its child; massless if all are."""
-    joints = hand.urdf.joints
-    links = {e.get("name", ""): e for e in read_xml(hand.urdf.file, "robot").findall("link")}
+    joints, links = hand.urdf.joints, hand.urdf.link_elements
     parts, beyond = [], [(joints[joint].child, np.eye(4))]
     for name, X_JL in beyond:
         key = f"link {name}: inertial"

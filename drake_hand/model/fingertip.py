@@ -18,7 +18,7 @@ from drake_hand.model.geometry import Geometry, read_collision
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.meshes import find_mesh, hull
 from drake_hand.model.urdf import Urdf
-from drake_hand.model.xml import Source, read_xml
+from drake_hand.model.xml import Source
 
 _BEHIND = 0.7
 """How far behind the tip centre the link begins, in radii: a contact beside the tip leaves room for it there."""
@@ -185,10 +185,8 @@ def body_shapes(urdf: Urdf, tip_link: str, held: Iterable[str] = ()) -> list[tup
     for link in body[1:]:
         joint = next(j for j in urdf.joints.values() if j.child == link)
         X_BL[link] = X_BL[joint.parent] @ joint.X_PC
-    robot = read_xml(urdf.file, "robot")
     out = []
-    for element in robot.findall("link"):
-        link = element.get("name", "")
+    for link, element in urdf.link_elements.items():
         if link not in body:
             continue
         key = f"link {link}: collision"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -70,6 +71,11 @@ class Urdf:
             path.append(parent[link])
             link = parent[link].parent
         return path[::-1]
+
+    @cached_property
+    def link_elements(self) -> dict[str, ET.Element]:
+        """The ``<link>`` elements of the file, to be read only."""
+        return {e.get("name", ""): e for e in read_xml(self.file, "robot").findall("link")}
 
     @property
     def commanded(self) -> tuple[str, ...]:

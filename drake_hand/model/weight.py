@@ -10,7 +10,7 @@ import numpy as np
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import find_mesh
 from drake_hand.model.urdf import Joint, Urdf
-from drake_hand.model.xml import Source, read_xml
+from drake_hand.model.xml import Source
 
 _G = 9.81
 
@@ -22,8 +22,7 @@ def weight_torques(urdf: Urdf, joints: Iterable[Joint]) -> float:
         InputError: an inertia with wrong numbers.
     """
     centre: dict[str, tuple[float, np.ndarray]] = {}
-    for link in read_xml(urdf.file, "robot").findall("link"):
-        name = link.get("name", "")
+    for name, link in urdf.link_elements.items():
         key = f"link {name}: inertial"
         stated = Inertial.read(
             link, Source(file=urdf.file, key=key, find_mesh=partial(find_mesh, file=urdf.file, key=key))
