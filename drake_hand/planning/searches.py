@@ -30,8 +30,11 @@ from drake_hand.plans.task import Grasp, Step, Task
 
 SEARCHES = 6
 """Worked on in turn, of those from the most promising starts."""
-GAITS = 6
-"""Start poses for which a periodic gait is looked for; the one with the fewest regrasps is taken."""
+STARTS = 16
+"""Start poses, at most, from which there is a grasp."""
+GAITS, FOUND, FEW_RAD = 6, 3, np.radians(8.0)
+"""Start poses for which a periodic gait is looked for, more of them as long as fewer than so many are found and none
+turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
 WORTH = 2 / 3
 """A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
 HAND_OVER = 200
@@ -62,14 +65,12 @@ def from_grasps(
                 attempts.append(_attempts(problem, task, builder, wanted, moving, then))
         except NoPlanFound as e:
             failures.append(e)
-        problem.progress(Progress(stage="grasp", fraction=(k + 1) / len(tasks)))
-        if time.monotonic() > problem.deadline:
+        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(attempts) / STARTS)))
+        if len(attempts) == STARTS or time.monotonic() > problem.deadline:
             break
     attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
     straight = any(x.search.straight for x, *_ in attempts[:SEARCHES])
-    some = [] if straight else [x for x, *_ in attempts[:GAITS]]
-    gaits = [(x, end) for x in some if (end := _gait(problem, x)) is not None]
-    for x, end in sorted(gaits, key=lambda found: found[1].regrasps):
+    for x, end in [] if straight else _gaits(problem, [x for x, *_ in attempts]):
         yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, WORTH))
     yield from _in_turn(problem, list(itertools.chain(*attempts))[:SEARCHES], failures)
 
@@ -199,6 +200,19 @@ def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoP
         return finished(problem, best.task, _built(problem, best.builder, best.search.moves, best.search.farthest))
 
     return Stopped(why, path)
+
+
+def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Node]]:
+    """The ends of periodic gaits from some starts, the fewest regrasps first."""
+    found: list[tuple[Attempt, Node]] = []
+    for k, x in enumerate(attempts):
+        few = x.search.moves.path.angle / FEW_RAD
+        enough = len(found) >= FOUND or any(end.regrasps <= few for _, end in found)
+        if (k >= GAITS and enough) or time.monotonic() > problem.deadline:
+            break
+        if (end := _gait(problem, x)) is not None:
+            found.append((x, end))
+    return sorted(found, key=lambda pair: pair[1].regrasps)
 
 
 def _gait(problem: Problem, attempt: Attempt) -> Node | None:

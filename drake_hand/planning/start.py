@@ -25,8 +25,8 @@ from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 DRAWN = 400
 """Poses drawn before the first, coarse choice."""
-RATED = 16
-"""Of those, poses from which grasps are looked for."""
+RATED = 40
+"""Of those, poses that are offered."""
 _ALONG = 9
 """Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
 _HALF_BREADTH = 0.05

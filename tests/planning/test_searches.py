@@ -1,0 +1,57 @@
+"""From how many starts searches and gaits begin, and which gait is taken."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning import searches
+from drake_hand.plans.task import Grasp
+
+ENDLESS = SimpleNamespace(deadline=np.inf)
+
+
+def attempts(angle_deg: float, regrasps: list[int | None]) -> list:
+    """Attempts from starts whose gaits, if any, take so many regrasps to turn the object by an angle."""
+    path = SimpleNamespace(angle=np.radians(angle_deg))
+    search = SimpleNamespace(moves=SimpleNamespace(path=path))
+    return [SimpleNamespace(search=search, gait=n and SimpleNamespace(regrasps=n)) for n in regrasps]
+
+
+@pytest.mark.parametrize(
+    ("regrasps", "taken", "looked_at"),
+    [
+        ([20, 70, None, None, None, None, 10], 20, 6),  # good enough after six
+        ([70, None, None, None, None, None, None, 40, 30], 40, 8),  # 9 deg a regrasp is few
+        ([None] * 9 + [70], 70, 10),  # any, before none
+        ([None, 70, 60, 50, None, None, 40], 50, 6),  # three are enough
+        ([None] * 8, None, 8),
+    ],
+)
+def test_gaits_are_looked_for_until_one_is_good(monkeypatch, regrasps, taken, looked_at):
+    looked = []
+    monkeypatch.setattr(searches, "_gait", lambda problem, x: looked.append(x) or x.gait)
+    found = searches._gaits(ENDLESS, attempts(360.0, regrasps))
+    assert (found[0][1].regrasps if found else None) == taken
+    assert len(looked) == looked_at
+
+
+def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
+    """Sixteen starts with a grasp are searched from, however many others came before."""
+
+    def grasps(problem, task, *_):
+        if task % 2:
+            raise NoPlanFound("out of reach")
+        farthest = SimpleNamespace(score=0.0)
+        return [SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=True))]
+
+    begun = []
+    monkeypatch.setattr(searches, "_attempts", grasps)
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
+    problem = SimpleNamespace(
+        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+    )
+    assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
+    assert len(begun[0]) == searches.STARTS - 1
