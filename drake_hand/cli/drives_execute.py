@@ -204,6 +204,9 @@ def _excerpt(
         words |= {
             t: ", ".join(next(p.events for p in plan.parts if p.t[0] == t)) for t in excerpts.switch_times(plan, end)
         }
+    if pause and plan.task.support:
+        expected = "no pause: the hand takes the object from the table by itself"
+        raise InputError("nothing is handed over", key="--pause", found=pause, expected=expected)
     if pause:
         said = ("just off the contacts: hand the object over", "all fingers press: let go of the object")
         words |= dict(zip(excerpts.around_grasp(plan, end), said, strict=False))
