@@ -118,6 +118,8 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
 def _between(gap: np.ndarray, seen: Observed, column: int, room: Callable[[int, float], float]) -> np.ndarray:
     """(k,) a gap (k,), or where it may be negative between a sample and the next, how much it is at most.
 
+    Where it is negative at a sample that tells all.
+
     Args:
         gap: at the samples, m.
         seen: the samples.
@@ -126,6 +128,8 @@ def _between(gap: np.ndarray, seen: Observed, column: int, room: Callable[[int, 
     """
     s, move = seen.states, seen.travel[:-1, column]
     out = gap.copy()
+    if gap.min() < 0:
+        return out
     least = np.where(move >= 0, (gap[:-1] + gap[1:] - move) / 2, gap[:-1])
     for row in np.flatnonzero(least < 0):
         look = partial(room, int(s.part[row]))
