@@ -43,7 +43,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
 
 
 class Grasp(_Strict, frozen=True, kw_only=True):
-    """Close the fingers on the object, which a fixture holds until then."""
+    """Close the fingers on the object, which a fixture holds until then, or a table bears."""
 
     fingers: list[str] | None = None
     kind: Literal["precision", "power"] = "precision"

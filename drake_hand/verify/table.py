@@ -90,13 +90,8 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
     s, plane, tree = seen.states, Plane.of(plan.task), Tree.of(scene)
     assert scene.object is not None
     outlines, trajectory = _outlines(scene), Trajectory(plan)
-    slack, own = TOLERANCES["contact_mm"] / 1000, outlines.pop(scene.object.link)
-    gaps = {name: np.empty(len(s.t)) for name in outlines}
-    for rows in (slice(first, first + CHUNK) for first in range(0, len(s.t), CHUNK)):
-        X_WB = tree.pose(s.q[rows]).X_WB
-        for name, outline in outlines.items():
-            gaps[name][rows] = outline.lows(X_WB[:, tree.bodies[name]], plane).min(axis=1)
-    for name, gap in gaps.items():
+    slack, own = TOLERANCES["contact_mm"] / 1000, outlines[scene.object.link]
+    for name, gap in links_above(plan.task, scene, s.q).items():
         body, outline = tree.bodies[name], outlines[name]
 
         def room(part: int, t: float, body: int = body, outline: _Outline = outline) -> float:
@@ -113,6 +108,17 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
     alone = (seen.digits == 0).all(axis=1)
     findings.add("table_mm", np.where(alone, np.abs(1000 * gap), np.maximum(depth, 0.0)), s.t, s.part)
     return gap
+
+
+def links_above(task: Task, scene: Scene, q: np.ndarray) -> dict[str, np.ndarray]:
+    """By name of every body of the hand, how far (k,) it is above a task's table at joints q (k, nq), m."""
+    plane, tree, outlines = Plane.of(task), Tree.of(scene), _outlines(scene)
+    gaps = {name: np.empty(len(q)) for name in outlines if name in tree.bodies}
+    for rows in (slice(first, first + CHUNK) for first in range(0, len(q), CHUNK)):
+        X_WB = tree.pose(q[rows]).X_WB
+        for name, gap in gaps.items():
+            gap[rows] = outlines[name].lows(X_WB[:, tree.bodies[name]], plane).min(axis=1)
+    return gaps
 
 
 def _between(gap: np.ndarray, seen: Observed, column: int, room: Callable[[int, float], float]) -> np.ndarray:
