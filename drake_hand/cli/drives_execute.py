@@ -93,7 +93,8 @@ def execute(
         fingers: play only these; the drives of the others are left alone, where they are.
         to_part: end after this part, counted from 0 as `check` and `show` do.
         step: hold at every switch, until Enter.
-        pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press.
+        pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press;
+            a hand that takes the object from a table needs none.
         go_after: seconds after which a pause ends by itself.
         twin: a hand in physics follows the measured joints; its page, and where it differs from what the drives show,
             are told on stderr.
@@ -324,7 +325,7 @@ def _print_run(
         )
     if outcome:
         print(
-            f"the object: {'DROPPED' if outcome.dropped else 'in the hand'} at {outcome.at_s:.2f} s, off the plan by"
+            f"the object: {'DROPPED' if outcome.dropped else 'not dropped'} at {outcome.at_s:.2f} s, off the plan by"
             f" {outcome.position_error_mm:.2f} mm, tilt {outcome.tilt_error_deg:.2f} deg, turn"
             f" {outcome.rotation_error_deg:.2f} deg; {outcome.slowed:.1f} x slower than real time"
         )

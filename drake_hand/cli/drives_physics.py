@@ -29,7 +29,7 @@ from drake_hand.errors import DrakeHandError, DriveError, InputError
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
 from drake_hand.feedback.sources import line
 from drake_hand.files import convert
-from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.holds import free_windows, hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
@@ -212,6 +212,7 @@ class _World:
             friction=plan.task.physics.friction,
             perturbation=change,
             step=STEP_S,
+            table=plan.task.table,
         )
         self._begin = self.physics.time
         self._columns = np.array([list(hand.joints).index(j) for j in drives.joints])
@@ -219,13 +220,16 @@ class _World:
         self._q[self._columns] = setup.q
         self.physics.stand(self._q)
         self._stiffness, self._damping = hand.stiffness * change.stiffness, hand.damping
-        self._windows, self._end = hold_windows(plan), plan.duration
+        self._windows, self._holds = free_windows(plan), hold_windows(plan)
+        self._on_table = plan.task.support is not None
         self._axis = main_axis(plan.task, first.X_WO[0], object_)
         self.clock = clock
         self.enabled = lambda: False
         self._free, self._steps, self._dropped = False, 0, False
         self._plan, self._plan_time, self._handed_s = plan.hash, -math.inf, setup.handed_s
         self._X_start, self._there = self.physics.X_WO, True
+        if self._on_table:
+            self.physics.let_go()
         self._put_away()
         self._loose: list[int] = []
         self._mishaps: queue.SimpleQueue[Mishap] = queue.SimpleQueue()
@@ -285,6 +289,9 @@ class _World:
     def _begin_again(self) -> None:
         """Another run of the plan."""
         self._put_away()
+        if self._on_table:
+            self.physics.take_back_at(self._X_start)
+            self._free = False
         self._dropped, self._steps, self._began, self._rows = False, 0, None, []
 
     def _watch(self, t: float, plan_time: float) -> None:
@@ -314,7 +321,9 @@ class _World:
         X_WO, touch = self.physics.X_WO, self.physics.touch()
         self._rows.append((plan_time, X_WO, self.physics.q, touch.f_W))
         away = X_WO[:3, 3] - self._trajectory.at(plan_time).X_WO[0, :3, 3]
-        self._dropped |= self._free and (float(np.linalg.norm(away)) * 1e3 > DROPPED_MM or not touch.f_W.any())
+        to_hold = not self._on_table or any(a <= plan_time <= b for a, b in self._holds)
+        lost = float(np.linalg.norm(away)) * 1e3 > DROPPED_MM or (to_hold and not touch.f_W.any())
+        self._dropped |= self._free and lost
 
     def _see(self, plan_time: float) -> None:
         """Sends what the sensor sees."""

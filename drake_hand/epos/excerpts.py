@@ -32,8 +32,11 @@ def around_grasp(plan: Plan, end_s: float) -> list[float]:
     """Plan times [s] at rest around the first grasp: fingers just off the contacts, then pressing as planned.
 
     Raises:
-        InputError: the plan has no grasp before `end_s`.
+        InputError: the plan has no grasp before `end_s`, or takes the object from a table.
     """
+    if plan.task.support:
+        expected = "no pause: the hand takes the object from the table by itself"
+        raise InputError("nothing is handed over", key="--pause", found="grasp", expected=expected)
     first = next((i for i, p in enumerate(plan.parts) if p.contacts), 0)
     if not first or plan.parts[first].t[0] >= end_s:
         raise InputError("the plan does not close a grasp", key="--pause", found="grasp", expected="a plan that does")

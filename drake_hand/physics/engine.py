@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand, PadSpec
+from drake_hand.model.table import Table
 
 EngineName = Literal["drake", "mujoco"]
 
@@ -66,11 +67,14 @@ class Perturbation:
         both = max(0.0, min(end, self.push_s[1]) - max(start, self.push_s[0]))
         return np.array(self.push_n) * both / (end - start)
 
-    def start(self, X_WO: np.ndarray) -> np.ndarray:
-        """The (4, 4) start pose in place of the planned one."""
+    def start(self, X_WO: np.ndarray, table: Table | None = None) -> np.ndarray:
+        """The (4, 4) start pose in place of the planned one; still on the table, if there is one."""
+        turn, shift = np.array(self.turn_deg), np.array(self.shift_mm) * 1e-3
+        if table is not None:
+            turn, shift = table.up_W * (table.up_W @ turn), shift - table.up_W * (table.up_W @ shift)
         X = X_WO.copy()
-        X[:3, :3] = Rotation.from_rotvec(self.turn_deg, degrees=True).as_matrix() @ X_WO[:3, :3]
-        X[:3, 3] += np.array(self.shift_mm) * 1e-3
+        X[:3, :3] = Rotation.from_rotvec(turn, degrees=True).as_matrix() @ X_WO[:3, :3]
+        X[:3, 3] += shift
         return X
 
 

@@ -15,7 +15,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.mujoco_model import OBJECT, STEP, build_model, controls, put
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.replay import commands
-from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.holds import free_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
@@ -30,13 +30,14 @@ class MujocoExport:
     """What it takes to replay a plan in MuJoCo."""
 
     xml: str
-    """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts, to about 0.1 mm."""
+    """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts, to about 0.1 mm. There is
+    none where the object lies on a table."""
     t: np.ndarray
     """(k,) times of the controls, one a step of the model, s."""
     ctrl: np.ndarray
     """(k, nq) what goes into ``data.ctrl``: q + q_offset + D / K of their rates, so that damping follows the plan."""
     free: np.ndarray
-    """(m, 2) from when to when the fingers hold the object and the weld is to be inactive, s."""
+    """(m, 2) from when to when no fixture holds the object and the weld is to be inactive, s."""
     joints: list[str]
     """Names of the actuators, in the order of `ctrl`'s columns."""
 
@@ -56,21 +57,23 @@ def export_mujoco(plan: Plan) -> MujocoExport:
         friction=plan.task.physics.friction,
         pad_stiffness=pad_stiffness(plan, hand, object_),
         relaxation=hand.pad.relaxation_time_s,
+        table=plan.task.table,
     )
     trajectory = Trajectory(plan)
     first = trajectory.at(0.0)
     X_WO = first.X_WO[0]
     thing = spec.body(OBJECT)  # a weld holds bodies as they stand in the model
     thing.pos, thing.quat = X_WO[:3, 3], np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)
-    spec.add_equality(
-        name=FIXTURE,
-        type=mujoco.mjtEq.mjEQ_WELD,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        name1=OBJECT,
-        name2="world",
-        solref=[2 * STEP, 1.0],
-        solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0],
-    )
+    if plan.task.table is None:
+        spec.add_equality(
+            name=FIXTURE,
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1=OBJECT,
+            name2="world",
+            solref=[2 * STEP, 1.0],
+            solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0],
+        )
     model = spec.compile()
     t = np.arange(0.0, plan.duration, STEP)
     ctrl = controls(hand, commands(trajectory), t)
@@ -78,7 +81,7 @@ def export_mujoco(plan: Plan) -> MujocoExport:
     put(model, qpos, hand, first.q[0], X_WO)
     spec.add_key(name=START, qpos=qpos, ctrl=ctrl[0])
     spec.compile()
-    return MujocoExport(xml=spec.to_xml(), t=t, ctrl=ctrl, free=np.array(hold_windows(plan)), joints=list(hand.joints))
+    return MujocoExport(xml=spec.to_xml(), t=t, ctrl=ctrl, free=np.array(free_windows(plan)), joints=list(hand.joints))
 
 
 def write(exported: MujocoExport, file: Path) -> Path:

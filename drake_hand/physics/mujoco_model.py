@@ -13,12 +13,15 @@ from scipy.spatial.transform import Rotation
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.model.table import Table
 from drake_hand.physics.engine import joint_values
 
 STEP = 1.0e-3
 """Time step, s."""
 OBJECT = "object"
 """Name of the object's body and free joint."""
+TABLE = "table"
+"""Name of the plane it may lie on."""
 IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
 IMPRATIO = 1000.0
@@ -35,7 +38,14 @@ _COUPLED = {"solref": [2 * STEP, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]
 
 
 def build_model(
-    hand: Hand, object_: Object, *, gravity: np.ndarray, friction: float, pad_stiffness: np.ndarray, relaxation: float
+    hand: Hand,
+    object_: Object,
+    *,
+    gravity: np.ndarray,
+    friction: float,
+    pad_stiffness: np.ndarray,
+    relaxation: float,
+    table: Table | None = None,
 ) -> mujoco.MjSpec:
     """The model, ready to compile.
 
@@ -49,6 +59,7 @@ def build_model(
         friction: of every contact.
         pad_stiffness: (fingers,) force a fingertip's pad resists with per depth, N/m.
         relaxation: of the pads, s: their damping over their stiffness.
+        table: what the object lies on at first.
     """
     scene = Scene(hand, object_)
     spec = mujoco.MjSpec()
@@ -75,6 +86,13 @@ def build_model(
     _set_inertia(thing, scene.object_body.default_spatial_inertia())
     tips = {f.tip_link: i for i, f in enumerate(hand.fingers)}
     _add_shapes(spec, bodies, scene, friction, tips, hand.pad.torsion_radius_mm * 1e-3)
+    if table is not None:
+        plane = spec.worldbody.add_geom(
+            name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, 0.0], condim=3, **_STIFF
+        )
+        plane.size[2] = 1.0
+        for key, value in _place(RigidTransform(table.X_WT)).items():
+            setattr(plane, key, value)
     _couple(spec, hand)
     for i in scene.plant.GetJointActuatorIndices(scene.hand_model):
         rotor = scene.plant.get_joint_actuator(i)

@@ -8,8 +8,9 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
+from drake_hand.model.table import Table
 from drake_hand.physics.engine import Perturbation, Touch
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build_model, controls, put, tip_shapes
+from drake_hand.physics.mujoco_model import OBJECT, STEP, TABLE, build_model, controls, put, tip_shapes
 
 _HELD = 1.0e6
 """Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
@@ -32,6 +33,7 @@ class MujocoSimulation:
         friction: float,
         pad_stiffness: np.ndarray,
         perturbation: Perturbation | None = None,
+        table: Table | None = None,
     ) -> None:
         """Builds the simulation, the object held at its start pose.
 
@@ -44,6 +46,7 @@ class MujocoSimulation:
             friction: between tip and object.
             pad_stiffness: (fingers,) of the pads as they are in this run, N/m.
             perturbation: what differs from all this.
+            table: what the object lies on at first.
         """
         change = perturbation or Perturbation()
         self.hand = hand
@@ -54,6 +57,7 @@ class MujocoSimulation:
             friction=friction * change.friction,
             pad_stiffness=pad_stiffness,
             relaxation=hand.pad.relaxation_time_s,
+            table=table,
         )
         self.model = model = spec.compile()
         model.actuator_gainprm[:, 0] *= change.stiffness
@@ -72,8 +76,9 @@ class MujocoSimulation:
         self._M0 = model.dof_M0[self._dofs].copy()
         self._body = model.body(OBJECT).id
         self._finger = {model.geom(name).id: i for i, name in enumerate(tip_shapes(hand))}
+        self._table = model.geom(TABLE).id if table else None
         self._tips = [model.body(finger.tip_link).id for finger in hand.fingers]
-        put(model, self.data.qpos, hand, commands.value(commands.start_time())[:, 0], change.start(X_WO))
+        put(model, self.data.qpos, hand, commands.value(commands.start_time())[:, 0], change.start(X_WO, table))
         self.take_back()
         mujoco.mj_forward(model, self.data)
 
@@ -132,6 +137,8 @@ class MujocoSimulation:
         for i in pressed:
             a, b = geoms = contact.geom[i]
             bodies = self.model.geom_bodyid[geoms]
+            if self._table in geoms and self._body in bodies:
+                continue
             finger = self._finger.get(a, self._finger.get(b))
             if finger is None or self._body not in bodies:
                 strays.add(" - ".join(sorted(self.model.body(body).name for body in bodies)))

@@ -17,7 +17,7 @@ from drake_hand.physics.engine import Engine, EngineName, Perturbation
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.run import Record, SimulatedRun, judge
 from drake_hand.physics.simulation import ContactKind, DrakeSimulation
-from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.holds import free_windows, hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
@@ -55,13 +55,16 @@ def replay(
         InputError: the plan asks for what is not simulated, or the engine is not installed.
         DrakeHandError: the simulation broke down.
     """
+    if plan.task.support and contact == "point" and engine == "drake":
+        expected = "hydroelastic: Drake has a single point between object and table otherwise"
+        raise InputError("a table is not simulated with point contact", key="contact", found=contact, expected=expected)
     if any(step.push for step in plan.task.motion):
         raise InputError("a push needs a support, which is not simulated", key="task.motion", found="push")
     perturbation = perturbation or Perturbation()
     hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
     check_models(plan, hand, object_)
     object_ = object_.with_mass(plan.object_mass_kg)
-    windows = hold_windows(plan)
+    windows, holds = free_windows(plan), hold_windows(plan)
     free, end = windows[0][0], windows[-1][1]
     trajectory = Trajectory(plan)
     physics = _engine(engine, contact, plan, hand, object_, trajectory, perturbation)
@@ -70,7 +73,9 @@ def replay(
     times = np.arange(0.0, end + (SETTLE if end >= plan.duration else 0.0) + SAMPLE / 2, SAMPLE)
     p_WO = trajectory.at(times).X_WO[:, :3, 3]
     q, X_WO, touches = [], [], []
-    began, held, dropped = time.perf_counter(), True, False
+    began, held, dropped = time.perf_counter(), plan.task.support is None, False
+    if not held:
+        physics.let_go()
     for k, t in enumerate(times):
         try:
             if perturbation.push_s[1] > 0:
@@ -85,13 +90,15 @@ def replay(
         X_WO.append(physics.X_WO)
         touches.append(physics.touch())
         dropped = bool(t > free) and float(np.linalg.norm(X_WO[-1][:3, 3] - p_WO[k])) * 1e3 > DROPPED_MM
-        in_hand = bool(t > end) or any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
-        if in_hand and held:
+        is_free = bool(t > end) or _within(t, windows)
+        if is_free and held:
             physics.let_go()
-        elif not in_hand and not held:
+        elif not is_free and not held:
             dropped |= not touches[-1].f_W.any()  # a fixture does not catch what falls
             physics.take_back()
-        held = not in_hand
+        held = not is_free
+        if plan.task.support:
+            dropped |= _within(t, holds) and not touches[-1].f_W.any()
         if dropped:
             break
         if progress and k % 100 == 0:
@@ -108,6 +115,10 @@ def replay(
     )
     report = correction.report if correction else None
     return judge(record, plan, object_, perturbation, free=free, dropped=dropped, correction=report), record
+
+
+def _within(t: float, windows: list[tuple[float, float]]) -> bool:
+    return any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
 
 
 def _engine(
@@ -132,6 +143,7 @@ def _engine(
             friction=friction,
             perturbation=perturbation,
             contact=contact,
+            table=plan.task.table,
         )
     try:
         from drake_hand.physics.mujoco_simulation import MujocoSimulation
@@ -147,6 +159,7 @@ def _engine(
         friction=friction,
         pad_stiffness=pad_stiffness(plan, hand, object_, perturbation.stiffness),
         perturbation=perturbation,
+        table=plan.task.table,
     )
 
 

@@ -53,7 +53,10 @@ class Errors:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRun:
-    """One run, from the moment the fixture lets go. Errors are those at the end, or where the object was dropped."""
+    """One run, from the moment the fixture lets go; all of it where a table takes the fixture's place.
+
+    Errors are those at the end, or where the object was dropped.
+    """
 
     perturbation: Perturbation
     success: bool
@@ -100,7 +103,8 @@ def judge(
     off = deviation(record.X_WO[k], planned.X_WO, axis)
     planned_deg = float(np.degrees(turned_about(planned.X_WO[:, :3, :3], axis)[-1]))
     slid = slips(t, record.X_WO[k], record.slip_W[k], planned.part, plan)
-    dropped = dropped or not record.f_W[-1].any()
+    lies = plan.task.support is not None and not plan.parts[-1].contacts
+    dropped = dropped or not (lies or record.f_W[-1].any())
     errors = {"position": off.position_mm[-1], "tilt": off.tilt_deg[-1], "rotation": abs(off.rotation_deg[-1])}
     strays: dict[str, float] = {}
     for pairs, counts in zip(record.strays, k, strict=True):

@@ -88,7 +88,8 @@ def simulate(
     """Plays a certified plan into physics as often as asked.
 
     A fixture holds the object until the grasp is complete, and is then gone: nothing but the fingers holds it, until
-    they release it to the fixture, where it then is.
+    they release it to the fixture, where it then is. Where the task has a table, there is no fixture, and a run counts
+    from its first instant to its last, the object back on the table.
     A run succeeds if the object is not dropped and ends within 3 mm and 8 deg of the plan.
 
     Args:

@@ -10,6 +10,7 @@ from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
     AddRigidHydroelasticProperties,
+    Box,
     CalcVolume,
     Capsule,
     Cylinder,
@@ -41,6 +42,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.plant import add_hand_and_object
+from drake_hand.model.table import Table
 from drake_hand.physics.engine import Perturbation, Touch, joint_values, stiffer
 
 ContactKind = Literal["hydroelastic", "point"]
@@ -49,10 +51,16 @@ STEP = 2.5e-3
 """Time step, s. At 1 ms a full turn of the pencil ends no nearer to the plan, and takes more than twice as long."""
 _PAD_MESH = 2.0e-3
 """Edge length of a fingertip's hydroelastic mesh, m."""
-_SIDES = 32
-"""Of the polyhedron that stands for a round object."""
+_SIDES, _SIDES_ON_TABLE = 32, 128
+"""Of the polyhedron that stands for a round object; on a table it rolls onto one of them."""
 _HARD = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
+
+
+_TABLE_M, _TABLE_THICK_M, _TABLE_MODULUS = 1.0, 0.1, 1.0e7
+"""Of the table, m and Pa: a cube of 40 g sinks a micrometre into it, a pencil nine; what is harder makes them jump."""
+_TABLE_DISSIPATION, _TABLE_RELAXATION = 1.0, 0.01
+"""s/m and s: nothing bounces on it."""
 
 
 class DrakeSimulation:
@@ -75,6 +83,7 @@ class DrakeSimulation:
         perturbation: Perturbation | None = None,
         contact: ContactKind = "hydroelastic",
         step: float = STEP,
+        table: Table | None = None,
     ) -> None:
         """Builds the simulation, the object held at its start pose.
 
@@ -88,6 +97,7 @@ class DrakeSimulation:
             perturbation: what differs from all this.
             contact: how tips yield.
             step: of time, s.
+            table: what the object lies on at first.
         """
         change = perturbation or Perturbation()
         self.hand = hand
@@ -108,7 +118,7 @@ class DrakeSimulation:
         body.AddProperty("material", "relaxation_time", 0.0)
         if contact == "hydroelastic":
             AddCompliantHydroelasticProperties(_PAD_MESH, pad.hydroelastic_modulus_pa, tip)
-            AddRigidHydroelasticProperties(_edge(object_), body)
+            AddRigidHydroelasticProperties(_edge(object_, _SIDES_ON_TABLE if table else _SIDES), body)
         object_ = object_.with_mass(object_.mass * change.mass)
         shapes = tuple(replace(g, size=_grown(g.kind, g.size, body)) for g in object_.geometries)
         tips = tuple(replace(f, radius=_grown("sphere", (f.radius,), tip)[0]) for f in hand.fingers)
@@ -125,6 +135,7 @@ class DrakeSimulation:
         for j, name in enumerate(hand.joints):
             gains = PdControllerGains(p=hand.stiffness[j] * change.stiffness, d=hand.damping[j])
             _actuator(plant, name).set_controller_gains(gains)
+        self._table = _add_table(plant, table, material) if table else None
         plant.mutable_gravity_field().set_gravity_vector(np.asarray(gravity, dtype=float))
         _same_friction(plant, scene_graph, added.hand, material)
         plant.Finalize()
@@ -149,7 +160,7 @@ class DrakeSimulation:
         self._columns = np.array([plant.GetJointByName(n).position_start() for n in hand.joints])
         self._rates = np.array([plant.GetJointByName(n).velocity_start() for n in hand.joints])
         self.stand(commands.value(commands.start_time())[:, 0])
-        plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO)))
+        plant.SetFreeBodyPose(self._context, self._object, RigidTransform(change.start(X_WO, table)))
         (self._fixture,) = [plant.get_joint(j) for j in plant.GetJointIndices(added.object)]
         self._fixture.Lock(self._context)
 
@@ -216,6 +227,8 @@ class DrakeSimulation:
         for pair, point, force in self._contacts():
             fingers = [self._finger[g] for g in pair if g in self._finger]
             on_object = [g in self._surface for g in pair]
+            if self._table in pair and any(on_object):
+                continue
             if not fingers or not any(on_object):
                 strays.add(" - ".join(sorted(self._name(g) for g in pair)))
                 continue
@@ -253,6 +266,8 @@ class DrakeSimulation:
         return V.translational() + np.cross(V.rotational(), p_W - origin)
 
     def _name(self, geometry: GeometryId) -> str:
+        if geometry == self._table:
+            return "table"
         return self.plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry)).name()
 
     def stand(self, q: np.ndarray) -> None:
@@ -263,10 +278,21 @@ class DrakeSimulation:
         self.plant.SetPositions(self._context, positions)
 
 
-def _edge(object_: Object) -> float:
+def _add_table(plant: MultibodyPlant, table: Table, material: CoulombFriction) -> GeometryId:
+    """A wide box, hard, but less than the object, so that they meet over an area."""
+    properties = ProximityProperties()
+    AddContactMaterial(_TABLE_DISSIPATION, None, material, properties)
+    properties.AddProperty("material", "relaxation_time", _TABLE_RELAXATION)
+    AddCompliantHydroelasticProperties(_TABLE_M, _TABLE_MODULUS, properties)
+    X_WB = RigidTransform(table.X_WT) @ RigidTransform([0.0, 0.0, -_TABLE_THICK_M / 2])
+    shape = Box(_TABLE_M, _TABLE_M, _TABLE_THICK_M)
+    return plant.RegisterCollisionGeometry(plant.world_body(), X_WB, shape, "table", properties)
+
+
+def _edge(object_: Object, sides: int) -> float:
     """Edge length of the object's hydroelastic mesh, m."""
     radii = [g.size[0] for g in object_.geometries if g.kind in ("sphere", "cylinder", "capsule")]
-    return 2 * np.pi * min(radii, default=0.01) / _SIDES
+    return 2 * np.pi * min(radii, default=0.01) / sides
 
 
 def _actuator(plant: MultibodyPlant, joint: str) -> JointActuator:

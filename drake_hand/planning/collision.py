@@ -19,6 +19,7 @@ from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.object import Geometry
 from drake_hand.model.scene import Scene
+from drake_hand.model.table import Table, feet
 from drake_hand.planning.cover import cover
 from drake_hand.planning.kernels import clear
 
@@ -110,7 +111,7 @@ class Clearance:
     Never more than the true ones; less by 4 % of a capsule's radius, and by 1 mm or more at boxes and meshes.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, table: Table | None = None) -> None:
         hand, object_ = scene.hand, scene.object
         assert object_ is not None, "planning needs an object"
         self.hand: Hand = hand
@@ -118,6 +119,7 @@ class Clearance:
         self.p_OCom = object_.p_OCom
         self.kinematics = [FingerKinematics.of(hand, f, margin=LIMIT_MARGIN) for f in hand.fingers]
         self._object = _Solid(self.surface)
+        self.table, self.feet = table, feet(self.surface.geometries)
         self._spheres = [_cover(scene, f) for f in hand.fingers]
         bodies = scene.plant.GetBodiesWeldedTo(scene.plant.world_body())
         self.still = frozenset(body.name() for body in bodies)
@@ -169,8 +171,10 @@ class Clearance:
         return self._object.least_gap((centres - X_WO[:3, 3]) @ X_WO[:3, :3], s, use)
 
     def to_palm(self, i: int, centres: np.ndarray) -> np.ndarray:
-        """(N,) least clearance of finger i from the palm and what is fixed to it; inf where nothing is checked."""
+        """(N,) least clearance of finger i from the palm, what is fixed to it and the table; inf where nothing is."""
         s, least = self._spheres[i], np.full(len(centres), np.inf)
+        if self.table is not None:
+            least = (centres[:, len(s.around) :] @ self.table.up_W - self.table.height - s.radius).min(axis=1)
         for still, use in self._palm[i]:
             least = np.minimum(least, still.least_gap(centres, s, use))
         return least

@@ -21,7 +21,7 @@ def finished(problem: Problem, task: Task, builder: LegBuilder) -> Path:
     holding, legs = problem.holding(task), builder.legs
     if isinstance(holding, Equilibrium):
         with problem.stage("forces"):
-            legs = add_forces(legs, problem.scene, np.asarray(task.physics.gravity), holding)
+            legs = add_forces(legs, problem.scene, np.asarray(task.physics.gravity), holding, task.table is not None)
     return Path(
         legs=tuple(legs),
         hand=problem.hand,

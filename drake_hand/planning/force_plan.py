@@ -32,7 +32,9 @@ WEIGHTLESS = 0.05
 """Gravity over that on earth below which an object floats."""
 
 
-def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium) -> list[Leg]:
+def add_forces(
+    legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium, on_table: bool = False
+) -> list[Leg]:
     """Adds forces and joint offsets to legs.
 
     The offsets bring about the forces, make up for what the tips yield and roll short, and hold up the fingers' weight.
@@ -42,6 +44,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
         scene: hand and object.
         gravity_W: (3,) m/s^2.
         holding: friction, weight, preload and efforts to plan with.
+        on_table: whether a table takes the fixture's place: it bears what the fingers do not bear of the weight.
 
     Returns:
         The legs with f_W and q_offset.
@@ -62,6 +65,9 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     load, held, touching = _loads(legs, starts, names)
     if np.linalg.norm(holding.force_W) < WEIGHTLESS * holding.weight:
         held &= ~(load > 0).any(axis=1)  # no fixture is needed, so none is assumed
+    borne = np.where(held, load.max(axis=1), 1.0) if on_table else np.ones(n)
+    if on_table:
+        held = borne == 0
     p, normal, J = np.zeros((n, k, 3)), np.zeros((n, k, 3)), np.zeros((n, k, 3, m))
     normal[..., 2] = 1.0
     bend = np.ones((n, k))
@@ -90,7 +96,7 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     problem = ForceProblem(
         load=load,
         preload=wanted + light.share * (SLIDING_FORCE_N - wanted),
-        force_W=holding.force_W,
+        force_W=borne[:, None] * holding.force_W,
         friction=friction,
         torsion_radius=holding.torsion_radius,
         effort=_room(hand, q + weight, holding.effort),
@@ -102,14 +108,14 @@ def add_forces(legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Eq
     # what can be told of knots before there are forces saves working these out twice
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
-        return add_forces(more, scene, gravity_W, holding)
+        return add_forces(more, scene, gravity_W, holding, on_table)
     try:
         f_W = forces_along(contacts, problem, starts)
     except Unbalanced as e:
         raise _blamed(e, contacts, problem, legs, starts, X) from e
     more = finer(legs, starts, p, f_W, lost)
     if more is not None:
-        return add_forces(more, scene, gravity_W, holding)
+        return add_forces(more, scene, gravity_W, holding, on_table)
     pressed = np.einsum("nki,nki->nk", f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)

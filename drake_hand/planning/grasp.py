@@ -10,6 +10,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
+from drake_hand.model.table import TOUCH
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
@@ -50,7 +51,7 @@ def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> Contac
 
 
 def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
-    """Refuses ways on which the object has to rest in the palm, whatever the fingers do.
+    """Refuses ways on which the object has to rest in the palm or the table, whatever the fingers do.
 
     Raises:
         NoPlanFound: naming the body it overlaps.
@@ -64,6 +65,10 @@ def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
             if object_.link in (a, b) and other in clearance.still:
                 what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
                 raise no_plan(what, mode=code(hand, ()), constraint=f"collision with {other}", X_WO=X)
+        sunk = 0.0 if clearance.table is None else -clearance.table.gap(clearance.feet, X)
+        if sunk > TOUCH:
+            what = f"a step ends with the object {sunk * 1e3:.1f} mm in the table"
+            raise no_plan(what, mode=code(hand, ()), constraint="collision with the table", X_WO=X)
 
 
 def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[frozenset[int], ...] = ()) -> list[Node]:

@@ -19,6 +19,7 @@ from drake_hand.planning.kernels.world import World
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose, still
+from drake_hand.planning.on_table import check_start
 from drake_hand.planning.world import Grid, load_on_hand, world
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Pose, Step, Task
@@ -56,7 +57,8 @@ class Problem:
         started = time.monotonic()
         hand, object_ = Hand.load(task.hand), Object.load(task.object)
         scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
-        clearance = Clearance(scene)
+        clearance = Clearance(scene, task.table)
+        check_start(task, clearance)
         problem = cls(
             task=task,
             hand=hand,

@@ -13,6 +13,7 @@ from drake_hand.planning.grasp import together
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath, still
+from drake_hand.planning.on_table import check_release
 from drake_hand.planning.park import park
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.slide import SLIDE_STEP
@@ -160,9 +161,10 @@ def release(builder: LegBuilder, clearance: Clearance) -> None:
     """All fingers that touch lift off at once and go where they wait.
 
     Raises:
-        NoPlanFound: they cannot without a collision.
+        NoPlanFound: they cannot without a collision, or the object would fall onto the table.
     """
     X, normals = builder.X_WO, {}
+    check_release(clearance, X, builder.mode)
     for i in builder.touching:
         p_WC = clearance.kinematics[i].fk(builder.q[None, builder.hand.fingers[i].columns])[0]
         n_O = clearance.surface.closest((p_WC - X[:3, 3]) @ X[:3, :3])[1]

@@ -36,7 +36,7 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
     if X_WO is None:
         X_WO = np.eye(4)
         X_WO[0, 3] = _AWAY
-    clearance = Clearance(scene)
+    clearance = Clearance(scene, task.table)
     _check_clear(clearance, q, X_WO)
     builder = LegBuilder(hand, q, X_WO)
     legs = ways(clearance, q, {i: goal[f.columns] for i, f in enumerate(hand.fingers)}, X_WO)
@@ -55,7 +55,8 @@ def _check_clear(clearance: Clearance, q: np.ndarray, X_WO: np.ndarray) -> None:
     centres = [clearance.centres(i, q[None, f.columns]) for i, f in enumerate(hand.fingers)]
     for i, finger in enumerate(hand.fingers):
         gaps = {"the object": float(clearance.to_object(i, centres[i], X_WO, tip=True)[0])}
-        gaps["the palm"] = float(clearance.to_palm(i, centres[i])[0])
+        still = "the palm" if clearance.table is None else "the palm or the table"
+        gaps[still] = float(clearance.to_palm(i, centres[i])[0])
         for j, other in enumerate(hand.fingers[:i]):
             gaps[other.name] = float(clearance.between(i, centres[i], j, centres[j])[0])
         for what, gap in gaps.items():

@@ -79,6 +79,7 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         chains=chains,
         object=solid(clearance.surface.geometries),
         palm=solid(still or (replace(nowhere, X_OG=_far()),)),
+        table=_table(clearance),
         cover=cover if still else cover._replace(still=np.zeros((len(r), 1), dtype=np.bool_)),
         p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
         clearance=CLEARANCE,
@@ -86,6 +87,13 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         pivot=pivot,
         substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
     )
+
+
+def _table(clearance: Clearance) -> kernels.TableArrays:
+    table = clearance.table
+    if table is None:
+        return kernels.TableArrays(up=np.array([0.0, 0.0, 1.0]), height=-np.inf, feet=np.zeros((0, 8)))
+    return kernels.TableArrays(up=table.up_W, height=table.height, feet=clearance.feet)
 
 
 def _far() -> np.ndarray:

@@ -48,6 +48,11 @@ def hold_windows(plan: Plan) -> list[tuple[float, float]]:
     return windows
 
 
+def free_windows(plan: Plan) -> list[tuple[float, float]]:
+    """From when to when no fixture holds the object, s: while the fingers do, or ever, where it lies on a table."""
+    return [(0.0, plan.duration)] if plan.task.support else hold_windows(plan)
+
+
 def may_hold(plan: Plan, joints: Sequence[str], q: np.ndarray) -> float | None:
     """Plan time [s] at which a posture is one in which the plan's fingers touch the object; None if there is none.
 

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from drake_hand.errors import InputError
 from drake_hand.files import load, resolve, with_line
+from drake_hand.model.table import Table
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 SUFFIX = ".task.yaml"
@@ -41,7 +43,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
 
 
 class Grasp(_Strict, frozen=True, kw_only=True):
-    """Close the fingers on the object, which a fixture holds until then."""
+    """Close the fingers on the object, which a fixture holds until then, or a table bears."""
 
     fingers: list[str] | None = None
     kind: Literal["precision", "power"] = "precision"
@@ -86,6 +88,13 @@ class Push(_Strict, frozen=True, kw_only=True):
 
 class Release(_Strict, frozen=True, kw_only=True):
     """Let go of the object."""
+
+
+class Support(_Strict, frozen=True, kw_only=True):
+    """A horizontal table, on which the object lies at first and wherever it is released. No fixture holds it then."""
+
+    plane_mm: float
+    """Height of its top over the origin of W, against gravity. With the palm down it is negative."""
 
 
 class Step(_Strict, frozen=True, kw_only=True):
@@ -153,9 +162,19 @@ class Task(_Strict, frozen=True, kw_only=True):
     hand: str
     object: str
     start: Pose | Literal["auto"]
+    support: Support | None = None
+    """Without one a fixture holds the object until the grasp is complete."""
     motion: Annotated[list[Step], Meta(min_length=1)]
     physics: Physics = Physics()
     options: Options = Options()
+
+    @property
+    def table(self) -> Table | None:
+        """What the object lies on, if it does."""
+        if self.support is None:
+            return None
+        gravity = np.array(self.physics.gravity, dtype=float)
+        return Table(up_W=-gravity / np.linalg.norm(gravity), height=self.support.plane_mm * 1e-3)
 
     def _lengths(self) -> Iterator[tuple[str, tuple[float, ...], float]]:
         """Key, position or way in mm, and what it is never shorter than unless it is meant in metres."""
@@ -197,6 +216,19 @@ class Task(_Strict, frozen=True, kw_only=True):
             if 0 < math.hypot(*mm) < shortest:
                 meant = [round(x * 1e3, 6) for x in mm]
                 refuse(f"less than {shortest:g} mm: metres typed for millimetres?", key, list(mm), f"{meant}, perhaps")
+        if self.support is not None:
+            for key, found, expected in (
+                ("start", self.start, "a pose on the table"),
+                ("physics.gravity", self.physics.gravity, "a vector, against which the table faces"),
+            ):
+                if found == "auto":
+                    refuse("a table's height is known only for a pose", key, found, expected)
+            if isinstance(self.start, Pose) and self.start.joints_deg:
+                refuse("an object on a table is not in a grasp yet", "start.joints_deg", "joints", "none")
+            if not any(self.physics.gravity):
+                refuse("nothing lies on a table without gravity", "physics.gravity", self.physics.gravity, "a vector")
+            if self.options.hold == "kinematic":
+                refuse("what a table bears is planned in equilibrium", "options.hold", "kinematic", "equilibrium")
         held = bool(isinstance(self.start, Pose) and self.start.joints_deg)
         for i, step in enumerate(self.motion):
             key = f"motion[{i}]"

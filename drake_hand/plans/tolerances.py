@@ -25,6 +25,7 @@ TOLERANCES = {
     "joint_jump_rad": 1e-4,
     "object_jump_mm": 1e-2,
     "drift_mm": 1e-2,
+    "table_mm": 0.1,
     "force_margin": 0.0,
     "effort_ratio": 1.0,
     "balance_ratio": 1.0,

@@ -66,6 +66,7 @@ _FIELDS = {
     "joint_jump_rad": _Field("jump of a joint at a switch", "deg", float(np.degrees(1))),
     "object_jump_mm": _Field("jump of the object at a switch", "mm"),
     "drift_mm": _Field("drift while the fixture holds", "mm"),
+    "table_mm": _Field("off the table, or in it", "mm"),
 }
 _SHORT = (
     "contact_mm",

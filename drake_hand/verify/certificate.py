@@ -39,6 +39,8 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``joint_jump_rad``, ``object_jump_mm``: between the end of a part and the start of the next.
     - ``contacts``: least number of fingers that hold the object, not below min_contacts.
     - ``drift_mm``: how far the object moves while the fixture holds it.
+    - ``table_mm``: with a ``support``, how far the object is off the table, up or down, while no finger touches it, and
+      how deep it is in it at any other time. The hand's clearance from the table counts as ``penetration_mm``.
     - ``force_margin``: fraction of the friction cone left, 1 - abs(f_t) / (mu f_n).
     - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
     - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's

@@ -8,18 +8,23 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.measured import displacement
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Pose, Task
+from drake_hand.plans.tolerances import TOLERANCES
 from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
+from drake_hand.verify.table import borne, check_clear
 
 _STILL = 1e-8
 """m between samples below which the object does not move."""
 
 
 def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan], findings: Findings) -> None:
-    """Judges forces and contacts wherever neither fixture nor support has the object, and its rest where they do."""
+    """Judges forces and contacts wherever neither fixture nor support has the object, and its rest where they do.
+
+    An object at rest on a table is judged with what the table bears; one that moves there, or is above it, without.
+    """
     s, task = seen.states, plan.task
     touching = np.sum(seen.digits != FREE, axis=1)
     held = touching >= task.options.min_contacts
@@ -31,6 +36,13 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
         for name in ("force_margin", "effort_ratio"):
             findings.add(name, np.full(1, np.nan), s.t[:1], s.part[:1])
     moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL
+    if task.support:
+        gap = check_clear(seen, plan, scene, findings)
+        lies = (np.abs(gap) * 1000 <= TOLERANCES["contact_mm"]) & ~np.r_[False, moved] & ~np.r_[moved, False]
+        balance[lies] = borne(seen, np.flatnonzero(lies), plan, scene, _body(plan, scene))
+        findings.add("contacts", np.where(lies, np.nan, touching), s.t, s.part, limit=float(task.options.min_contacts))
+        findings.add("balance_ratio", balance, s.t, s.part)
+        return
     in_fixture = fixture(touching, held, moved, balance)
     supported = np.zeros(len(s.t), dtype=bool)
     for stage in stages:
@@ -57,20 +69,24 @@ def _ends_held(task: Task) -> bool:
 
 def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.ndarray:
     """Judges friction and efforts everywhere; (k,) what is unbalanced over its tolerance."""
-    s, task, object_ = seen.states, plan.task, scene.object
-    assert object_ is not None
+    s, task = seen.states, plan.task
     n_O = np.nan_to_num(seen.n_O)
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], n_O)
     margin = friction_margins(s.f_W, n_W, task.physics.friction)
     slip_W = sliding_velocity(seen)
     findings.add("force_margin", np.where(seen.digits == SLIDE, np.nan, margin), s.t, s.part, plan.fingers)
     findings.add("effort_ratio", np.abs(seen.torque) / scene.hand.effort, s.t, s.part, plan.joints)
-    body = Body(
+    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, _body(plan, scene))
+
+
+def _body(plan: Plan, scene: Scene) -> Body:
+    object_ = scene.object
+    assert object_ is not None
+    return Body(
         mass=plan.object_mass_kg,
         p_OCom=object_.p_OCom,
         I_OCom=object_.I_OCom * plan.object_mass_kg / object_.mass,
-        gravity=np.array(task.physics.gravity),
-        friction=task.physics.friction,
+        gravity=np.array(plan.task.physics.gravity),
+        friction=plan.task.physics.friction,
         torsion_radius=scene.hand.pad.torsion_radius_mm / 1000,
     )
-    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, body)

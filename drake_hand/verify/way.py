@@ -12,6 +12,7 @@ from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.joints import check_joints
 from drake_hand.verify.observe import NEAR_M, sample_times
+from drake_hand.verify.table import links_above
 
 GOAL_DEG = 0.1
 _ROUNDED = 1e-9
@@ -48,6 +49,9 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
             depth[k] = -gap * 1e3
             where.append(f"{a} and {b}" if a else "")
         findings.add("penetration_mm", depth, states.t, states.part, where.__getitem__)
+        if plan.task.support:
+            for name, above in links_above(plan.task, scene, states.q).items():
+                findings.add("penetration_mm", -above * 1e3, states.t, states.part, [f"{name} and table"])
         samples += len(times)
     touching = [p.mode for p in plan.parts if set(p.mode) != {"0"}]
     findings.add("mode", np.array([float(len(touching))]), np.zeros(1), np.zeros(1, dtype=int))

@@ -93,6 +93,9 @@ def _task_page(task: Task, X_WO: np.ndarray, *, note: str, blocked: str | None =
             q[hand.joints.index(name)] = np.radians(angle)
     stage.hand(q[None], X_WO[None])
     stage.object(X_WO[None])
+    if task.support:
+        assert task.table is not None
+        stage.table(task.table, X_WO[:3, 3])
     labels, X = [], X_WO
     for i, step in enumerate(task.motion, start=1):
         label, X = _draw_step(stage, step, X, i)

@@ -35,6 +35,8 @@ def render_replay(plan: Plan, run: SimulatedRun, record: Record) -> Page:
     stage.hand(record.q[k], record.X_WO[k])
     stage.object(record.X_WO[k])
     stage.object(planned.X_WO, ghost=True)
+    if (table := plan.task.table) is not None:
+        stage.table(table, planned.X_WO[0, :3, 3])
     stage.contacts(record.p_W[k], record.f_W[k], record.X_WO[k])
     verdict = "dropped" if run.dropped else "held" if run.success else "held, off the plan"
     sentence = f"what physics made of it: {verdict}"
@@ -43,7 +45,7 @@ def render_replay(plan: Plan, run: SimulatedRun, record: Record) -> Page:
         plan,
         course,
         stage.scene,
-        facts=_facts(run),
+        facts=_facts(plan, run),
         strips=_error_strips(run, t),
         verdict=(verdict, "yes" if run.success else "no", sentence),
     )
@@ -63,7 +65,7 @@ def _error_strips(run: SimulatedRun, t: np.ndarray) -> list[Strip]:
     ]
 
 
-def _facts(run: SimulatedRun) -> list[Fact]:
+def _facts(plan: Plan, run: SimulatedRun) -> list[Fact]:
     def limited(name: str, value: float, limit: float, unit: str) -> Fact:
         return name, f"{figure(value)} {unit}", per_cent(1 - value / limit), value <= limit
 
@@ -73,6 +75,6 @@ def _facts(run: SimulatedRun) -> list[Fact]:
         limited("rotation error", run.rotation_error_deg, ROTATION_DEG, "deg"),
         ("rotated", f"{run.rotated_deg:.1f} of {run.planned_deg:.1f} deg", "", not run.dropped),
         ("most slip", f"{figure(run.slip_mm)} mm", "", True),
-        ("fixture lets go", f"{run.free_s:.2f} s", "", True),
+        ("fixture", "none, a table" if plan.task.support else f"lets go at {run.free_s:.2f} s", "", True),
         ("stray contacts", ", ".join(run.strays) or "none", "", not run.strays),
     ]

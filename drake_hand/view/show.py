@@ -28,6 +28,8 @@ def render(plan: Plan, scene: Scene) -> Page:
     stage = Stage(scene, states.t, gravity=np.array(plan.task.physics.gravity))
     stage.hand(states.q, states.X_WO)
     stage.object(states.X_WO)
+    if (table := plan.task.table) is not None:
+        stage.table(table, states.X_WO[0, :3, 3])
     stage.contacts(course.p_WP, states.f_W, states.X_WO)
     touched_O = _just_above(course)
     for i in range(len(plan.fingers)):

@@ -7,13 +7,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import Cylinder, Meshcat, MeshcatAnimation, MeshcatCone, MeshcatParams, Rgba, Role, Shape, Sphere
+from pydrake.geometry import (
+    Box,
+    Cylinder,
+    Meshcat,
+    MeshcatAnimation,
+    MeshcatCone,
+    MeshcatParams,
+    Rgba,
+    Role,
+    Shape,
+    Sphere,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RigidBody
 from pydrake.perception import PointCloud
 
 from drake_hand.model.hand import Finger
 from drake_hand.model.scene import Scene
+from drake_hand.model.table import Table
 from drake_hand.plans.trajectory import quaternions
 from drake_hand.view.colors import finger_color, rgb
 from drake_hand.view.keyframes import hold, needed, row_changes
@@ -32,6 +44,8 @@ _LONGEST = 1.5
 """Length at which arrows are cut, over that of a strong force."""
 _FINE = 5e-4
 """How far off the recording may be, over the hand's size; in rotation, rad over 2."""
+_TABLE, _WOOD = 4e-3, "#d9c3a0"
+"""Thickness of a table, m, and its colour."""
 _POSES = 30000
 """Most poses of a recording: what a page of 6 MB has room for. Long recordings are coarser."""
 
@@ -111,6 +125,13 @@ class Stage:
         for i in plant.GetBodyIndices(self._scene.object_model):
             self._draw_body(f"{path}/{plant.get_body(i).name()}", plant.get_body(i), alpha=0.25 if ghost else 1.0)
         self._move(path, X_WO)
+
+    def table(self, table: Table, p_W: np.ndarray) -> None:
+        """Draws a piece of a table, below a point (3,) of W."""
+        X_WT, side = RigidTransform(table.X_WT), 2.5 * self.size
+        at = X_WT.inverse().multiply(p_W) * [1.0, 1.0, 0.0] - [0.0, 0.0, _TABLE / 2]
+        self._meshcat.SetObject(f"{_ROOT}/table", Box(side, side, _TABLE), Rgba(*rgb(_WOOD), 1.0))
+        self._meshcat.SetTransform(f"{_ROOT}/table", X_WT @ RigidTransform(at))
 
     def contacts(self, p_W: np.ndarray, f_W: np.ndarray, X_WO: np.ndarray) -> None:
         """Draws contact points and forces; a strong force is an arrow of a third of the hand's size.

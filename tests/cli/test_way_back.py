@@ -15,8 +15,10 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.planning.way_home import find_way
 from drake_hand.plans.holds import may_hold
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Physics, Support, Task
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.way import certify_way
 
@@ -77,6 +79,25 @@ def test_a_way_is_proved_by_code_of_its_own(trajectory):
     assert "limit_margin_rad" in failures(
         msgspec.structs.replace(found, parts=[msgspec.structs.replace(part, q=crossed.tolist())])
     )
+
+
+def test_a_way_keeps_off_the_table(trajectory):
+    start = trajectory.at(trajectory.plan.duration / 2).q[0]
+    found, scene = way("kanguera", HAND.joints, start), Scene(HAND, Object.load("sphere"))
+
+    def beside(plane_mm: float) -> Task:
+        down = Physics(gravity=(9.81, 0.0, 0.0))
+        return msgspec.structs.replace(found.task, physics=down, support=Support(plane_mm=plane_mm))
+
+    def over(plane_mm: float) -> Plan:
+        return msgspec.structs.replace(found, task=beside(plane_mm))
+
+    assert certify_way(over(-150.0), scene, start, HAND.q_home).certified
+    (failure,) = certify_way(over(-20.0), scene, start, HAND.q_home).failures
+    assert "and table" in failure
+    assert find_way(scene, beside(-150.0), start, HAND.q_home, None).legs
+    with pytest.raises(NoPlanFound, match="from the palm or the table"):
+        find_way(scene, beside(-20.0), start, HAND.q_home, None)
 
 
 def test_where_the_object_stands_in_the_way_there_is_none(plan, trajectory):

@@ -8,6 +8,7 @@ from swing import swing
 from drake_hand.epos.excerpts import around_grasp, part_end, switch_times
 from drake_hand.errors import InputError
 from drake_hand.plans.plan import Contact
+from drake_hand.plans.task import Support
 
 BARE = swing(["a", "b"], 1.0)
 
@@ -48,6 +49,12 @@ def test_switches_are_where_something_happens():
     assert switch_times(PLAN, 3.0) == [1.4, 2.5]
     assert switch_times(PLAN, 2.5) == [1.4]
     assert part_end(PLAN, 2) == 2.5
+
+
+def test_from_a_table_nothing_is_handed_over():
+    on_table = msgspec.structs.replace(PLAN, task=msgspec.structs.replace(PLAN.task, support=Support(plane_mm=0.0)))
+    with pytest.raises(InputError, match="nothing is handed over"):
+        around_grasp(on_table, 3.0)
 
 
 def test_what_is_not_there_is_refused():

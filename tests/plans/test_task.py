@@ -1,9 +1,10 @@
 """Tasks whose numbers cannot be meant as they stand."""
 
+import msgspec
 import pytest
 
 from drake_hand.errors import InputError
-from drake_hand.plans.task import Task
+from drake_hand.plans.task import Options, Physics, Pose, Task
 
 TASK = """hand: kanguera
 object: pencil
@@ -55,3 +56,31 @@ def test_angles_beyond_reason_are_refused(tmp_path, key):
         with pytest.raises(InputError) as e:
             Task.load(file)
         assert e.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"start": "auto"}, "start"),
+        ({"start": Pose(xyz_mm=(74.0, -2.0, 117.0), joints_deg={"index_pip": 40.0})}, "start.joints_deg"),
+        ({"physics": Physics(gravity="auto")}, "physics.gravity"),
+        ({"physics": Physics(gravity=(0.0, 0.0, 0.0))}, "physics.gravity"),
+        ({"options": Options(hold="kinematic")}, "options.hold"),
+    ],
+)
+def test_a_table_needs_a_pose_a_gravity_and_forces(changes, key):
+    task = Task.load("table_pencil")
+    with pytest.raises(InputError) as error:
+        msgspec.structs.replace(task, **changes).validate()
+    assert error.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("gravity", "up"), [((9.81, 0.0, 0.0), [-1.0, 0.0, 0.0]), ((0.0, 3.0, -4.0), [0.0, -0.6, 0.8])]
+)
+def test_a_table_faces_against_gravity(gravity, up):
+    task = msgspec.structs.replace(Task.load("table_pencil"), physics=Physics(gravity=gravity))
+    assert task.table is not None
+    assert task.table.up_W.tolist() == pytest.approx(up)
+    assert task.table.height == pytest.approx(-0.086)
+    assert msgspec.structs.replace(task, support=None).table is None

@@ -144,6 +144,7 @@ def test_the_limits_are_those_that_are_promised():
         "joint_jump_rad": 1e-4,
         "object_jump_mm": 1e-2,
         "drift_mm": 1e-2,
+        "table_mm": 0.1,
         "force_margin": 0.0,
         "effort_ratio": 1.0,
         "balance_ratio": 1.0,

@@ -11,6 +11,9 @@ from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
+SUNK = 2e-5
+"""How deep poses of an object that lies on the table may be in it, m: a fifth of what the certificate allows."""
+
 
 @njit()
 def _carried(p, R, x, out):
@@ -74,11 +77,21 @@ def into(X, p):
 
 
 @njit()
+def _above(t, p):
+    """How far a point of W is above the table."""
+    return t.up[0] * p[0] + t.up[1] * p[1] + t.up[2] * p[2] - t.height
+
+
+@njit()
 def off_palm(w, f, s, least):
-    """Whether placed finger f is clear of what stands still."""
+    """Whether placed finger f is clear of what stands still, the table too."""
     c, b = w.cover, w.palm
     for g in range(c.first[f], c.first[f + 1]):
         p = s.groups[g]
+        if _above(w.table, p) < c.r[g] + least:
+            for k in range(c.spheres[g], c.spheres[g + 1]):
+                if _above(w.table, s.spheres[k]) < c.r_sphere[k] + least:
+                    return False
         if _outside(b, p[0], p[1], p[2]) >= c.r[g] + least:
             continue
         for h in range(len(b.kind)):
@@ -112,9 +125,26 @@ def apart(w, i, j, s, least):
 
 
 @njit()
+def _on_table(t, X):
+    """Whether the object at X (3, 4) is on or above the table: as `Table.gap`."""
+    level = X[0, 3] * t.up[0] + X[1, 3] * t.up[1] + X[2, 3] * t.up[2] - t.height + SUNK
+    x = X[0, 0] * t.up[0] + X[1, 0] * t.up[1] + X[2, 0] * t.up[2]
+    y = X[0, 1] * t.up[0] + X[1, 1] * t.up[1] + X[2, 1] * t.up[2]
+    z = X[0, 2] * t.up[0] + X[1, 2] * t.up[1] + X[2, 2] * t.up[2]
+    for v in t.feet:
+        lean = v[3] * x + v[4] * y + v[5] * z
+        sunk = v[6] * math.sqrt(max(1.0 - lean * lean, 0.0)) + v[7]
+        if v[0] * x + v[1] * y + v[2] * z + level < sunk:
+            return False
+    return True
+
+
+@njit()
 def object_off_palm(w, X, least):
-    """Whether the object at X (3, 4) is clear of what stands still."""
+    """Whether the object at X (3, 4) is clear of what stands still; it may touch the table."""
     c, b = w.cover, w.palm
+    if not _on_table(w.table, X):
+        return False
     for k in range(len(c.r_object)):
         o, need = c.p_object[k], c.r_object[k] + least
         x = X[0, 3] + X[0, 0] * o[0] + X[0, 1] * o[1] + X[0, 2] * o[2]

@@ -55,6 +55,17 @@ class Cover(NamedTuple):
     """(T,) m."""
 
 
+class TableArrays(NamedTuple):
+    """The table, and what the object may stand on; see `model.table`."""
+
+    up: np.ndarray
+    """(3,)."""
+    height: float
+    """m; minus infinity where there is no table."""
+    feet: np.ndarray
+    """(V, 8)."""
+
+
 class World(NamedTuple):
     """All that does not change while planning."""
 
@@ -62,6 +73,7 @@ class World(NamedTuple):
     object: ShapeArrays
     palm: ShapeArrays
     """All shapes that stand still, in W."""
+    table: TableArrays
     cover: Cover
     p_OCom: np.ndarray
     """(3,) m."""
@@ -162,7 +174,8 @@ def _types() -> tuple[numba.types.Type, ...]:
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), np.zeros((0, 0), dtype=np.bool_),
         floats(0, 3), floats(0),
     )  # fmt: skip
-    world = World(chains, solid, solid, cover, floats(3), 0.0, 0.0, False, 0)
+    table = TableArrays(floats(3), 0.0, floats(0, 8))
+    world = World(chains, solid, solid, table, cover, floats(3), 0.0, 0.0, False, 0)
     load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds, solid))

@@ -1,0 +1,53 @@
+"""What an object that lies on a table is asked before anything is planned, and before it is let go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.errors import InputError
+from drake_hand.model.table import TOUCH, feet
+from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.failure import no_plan
+from drake_hand.planning.object_path import pose
+from drake_hand.plans.task import Pose, Task
+
+
+def check_start(task: Task, clearance: Clearance) -> None:
+    """Refuses starts at which the object does not lie on the table, and tables that reach into the palm.
+
+    Raises:
+        InputError: saying where the object would lie.
+    """
+    table = clearance.table
+    if table is None:
+        return
+    assert isinstance(task.start, Pose), "a table needs a start pose"
+    room = table.gap(feet(clearance.still_shapes), np.eye(4))
+    if room < CLEARANCE:
+        found = f"{-room * 1e3:.1f} mm into it" if room < 0 else f"{room * 1e3:.1f} mm above it"
+        expected = f"the palm at least {CLEARANCE * 1e3:g} mm above it"
+        raise InputError("the palm is in the table", key="support.plane_mm", found=found, expected=expected)
+    X_WO = pose(task.start)
+    gap = table.gap(clearance.feet, X_WO)
+    if abs(gap) > TOUCH:
+        found = f"{abs(gap) * 1e3:.2f} mm {'above' if gap > 0 else 'in'} it"
+        lies = np.round((X_WO[:3, 3] - gap * table.up_W) * 1e3, 2).tolist()
+        expected = f"it lies at xyz_mm: {lies}"
+        raise InputError("the object does not lie on the table", key="start.xyz_mm", found=found, expected=expected)
+    if not table.bears(clearance.feet, clearance.p_OCom, X_WO):
+        expected = "its mass centre above what it stands on"
+        raise InputError("the object topples", key="start.rpy_deg", found=list(task.start.rpy_deg), expected=expected)
+
+
+def check_release(clearance: Clearance, X_WO: np.ndarray, mode: str) -> None:
+    """Refuses to let go of an object that does not lie on the table.
+
+    Raises:
+        NoPlanFound: saying how far above it the object is, or that it would topple.
+    """
+    table = clearance.table
+    if table is None or table.bears(clearance.feet, clearance.p_OCom, X_WO):
+        return
+    gap = table.gap(clearance.feet, X_WO)
+    what = "the object would topple" if gap <= TOUCH else f"the object would fall {gap * 1e3:.1f} mm"
+    raise no_plan(f"{what} if it were let go here", mode=mode, constraint="table", X_WO=X_WO)
