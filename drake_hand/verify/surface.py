@@ -26,8 +26,12 @@ class PackedObject:
     """(g, 4, 4)."""
     corner: np.ndarray
     """(T, 3, 3) corners of the triangles of all meshes, in G, counter-clockwise seen from outside."""
+    plane: np.ndarray
+    """(T, 4) their outward unit normals, zero where a triangle has no area, and how far from G's origin they are."""
     first: np.ndarray
     """(g + 1,) each shape's first triangle."""
+    ball: np.ndarray
+    """(g, 4) a ball around each shape: its centre in G, and its radius."""
 
     @classmethod
     def of(cls, object_: Object) -> PackedObject:
@@ -41,19 +45,32 @@ class PackedObject:
                 row[0] = g.size[0]
                 row[1] = g.size[1] / 2 if len(g.size) > 1 else 0.0
         corners = [g.vertices[g.faces].reshape(-1, 3, 3) for g in shapes]
+        corner = np.ascontiguousarray(np.concatenate(corners), dtype=float)
+        n = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        area = np.linalg.norm(n, axis=1, keepdims=True)
+        n = np.divide(n, area, out=np.zeros_like(n), where=area > 0)
+        ball = np.zeros((len(shapes), 4))
+        for row, g, own in zip(ball, shapes, corners, strict=True):
+            if g.kind == "mesh":
+                row[:3] = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
+                row[3] = np.linalg.norm(own - row[:3], axis=2).max()
+            else:
+                row[3] = np.linalg.norm(g.size) / 2 if g.kind == "box" else g.size[0] + sum(g.size[1:]) / 2
         return cls(
             kind=np.array([_KINDS.index(g.kind) for g in shapes], dtype=np.int64),
             size=size,
             X_OG=np.array([g.X_OG for g in shapes], dtype=float),
-            corner=np.ascontiguousarray(np.concatenate(corners), dtype=float),
+            corner=corner,
+            plane=np.column_stack([n, np.sum(n * corner[:, 0], axis=1)]),
             first=np.cumsum([0] + [len(c) for c in corners]),
+            ball=ball,
         )
 
     def distance(self, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance of points p_O (..., 3) and the outward normal (..., 3) where they are nearest, in O."""
         flat = np.ascontiguousarray(p_O, dtype=float).reshape(-1, 3)
         out = np.empty((len(flat), 4))
-        _distances(self.kind, self.size, self.X_OG, self.corner, self.first, flat, out)
+        _distances(self.kind, self.size, self.X_OG, self.corner, self.plane, self.first, self.ball, flat, out)
         return out[:, 0].reshape(p_O.shape[:-1]), out[:, 1:].reshape(p_O.shape)
 
     def bend(self, p_O: np.ndarray, n_O: np.ndarray, radius: float) -> np.ndarray:
@@ -111,23 +128,19 @@ def _triangle(p, a, b, c, out):
 
 
 @njit()
-def _mesh(p, corner, first, last, out):
+def _mesh(p, corner, plane, first, last, height, out):
     """Of a convex mesh. Nothing is nearer than the farthest plane, and where that plane's triangle is, all is said."""
-    n, foot = np.empty(3), np.empty(3)
-    height = np.empty(last - first)
+    foot = np.empty(3)
     best = 0
     for t in range(first, last):
-        a, b, c = corner[t, 0], corner[t, 1], corner[t, 2]
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            n[i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
-        size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-        height[t - first] = -np.inf
-        if size > 0:
-            height[t - first] = (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1]) + n[2] * (p[2] - a[2])) / size
-            if height[t - first] > height[best]:
-                best = t - first
-                out[1], out[2], out[3] = n[0] / size, n[1] / size, n[2] / size
+        n = plane[t]
+        height[t - first] = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - n[3]
+        if n[0] == 0 and n[1] == 0 and n[2] == 0:
+            height[t - first] = -np.inf  # of a triangle without area
+        if height[t - first] > height[best]:
+            best = t - first
+    for i in range(3):
+        out[1 + i] = plane[first + best, i]
     out[0] = height[best]
     if out[0] <= 0:
         return
@@ -187,10 +200,13 @@ def _shape(kind, size, p, out):
             out[1 + most] = math.copysign(1.0, p[most])
 
 
-@njit("void(i8[::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], i8[::1], f8[:, ::1], f8[:, ::1])")
-def _distances(kind, size, X_OG, corner, first, p_O, out):
+@njit(
+    "void(i8[::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+)
+def _distances(kind, size, X_OG, corner, plane, first, ball, p_O, out):
     """Rows (distance, normal) of points p_O from the union of all shapes."""
     p, one = np.empty(3), np.empty(4)
+    height = np.empty(max(1, len(corner)))
     for k in range(len(p_O)):
         out[k, 0] = np.inf
         for g in range(len(kind)):
@@ -198,8 +214,12 @@ def _distances(kind, size, X_OG, corner, first, p_O, out):
                 p[i] = 0.0
                 for j in range(3):
                     p[i] += X_OG[g, j, i] * (p_O[k, j] - X_OG[g, j, 3])
+            b = ball[g]
+            away = math.sqrt((p[0] - b[0]) ** 2 + (p[1] - b[1]) ** 2 + (p[2] - b[2]) ** 2)
+            if away - b[3] >= out[k, 0]:
+                continue
             if kind[g] == 4:
-                _mesh(p, corner, first[g], first[g + 1], one)
+                _mesh(p, corner, plane, first[g], first[g + 1], height, one)
             else:
                 _shape(kind[g], size[g], p, one)
             if one[0] < out[k, 0]:
