@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 from drake_hand.cli.drives_physics import spawn_physical_hand
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
@@ -39,7 +40,7 @@ def main() -> int:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         record = name.with_suffix(".physics.npz") if name else None
         with spawn_physical_hand(drives, options.plan, q, seed=seed, record=record) as hand:
-            with hand.spawned.open_bus() as bus:
+            with BusSpec().open(hand.spawned.interface, hand.spawned.channel) as bus:
                 run = execute(plan, drives, bus, log=name and name.with_suffix(".run.npz"))
             found = hand.outcome()
         used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "epos"))
 from fault_trials import drives_of
 from swing import swing
 
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import SUFFIX, Drives
 from drake_hand.epos.executor import DriveRun, RunProgress, execute
 from drake_hand.epos.record import NO_QUEUE
@@ -60,7 +61,7 @@ def soak(minutes: float, types: str, sync_ms: int) -> tuple[DriveRun, np.ndarray
     with tempfile.TemporaryDirectory() as folder:
         drives = written(types, sync_ms, Path(folder))
         plan = swing(drives.joints, 60 * minutes, swings=round(60 * minutes / SWING_S))
-        with spawn_simulated_drives(drives) as spawned, spawned.open_bus() as bus:
+        with spawn_simulated_drives(drives) as spawned, BusSpec().open(spawned.interface, spawned.channel) as bus:
 
             def note(progress: RunProgress) -> None:
                 if progress.time_s >= SAMPLE_S * len(samples) and progress.stage == "playing":

@@ -1,6 +1,7 @@
-"""Nothing public in drake_hand is there for tests alone: every function, class and method has a use in the package."""
+"""Nothing public in drake_hand is there for tests alone: the package or a notebook uses each."""
 
 import ast
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -10,17 +11,7 @@ import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
 TREES = {file.relative_to(PACKAGE): ast.parse(file.read_text()) for file in sorted(PACKAGE.rglob("*.py"))}
-FOR_NOW = {
-    "drake_hand.contact.kinematics.SubmodelKinematics.accelerations",
-    "drake_hand.epos.pdo.Pdo.communication_index",
-    "drake_hand.epos.sim.process.SpawnedDrives.open_bus",
-    "drake_hand.epos.sim.timeline.read_timeline",
-    "drake_hand.epos.sim.timeline.rows_as_arrays",
-    "drake_hand.modes.constraints.ModeProgram.constraints",
-    "drake_hand.modes.polish.set_down",
-}
-"""Only tests call these today. They are to be put to work or deleted; nothing may be added."""
-
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
@@ -82,17 +73,27 @@ def mentions(nodes: list[ast.AST]) -> tuple[Counter[str], Counter[str]]:
     return names, Counter(node.attr for node in nodes if isinstance(node, ast.Attribute))
 
 
+def notebook(file: Path) -> Module:
+    """What the code of a notebook mentions; what IPython alone understands is left out."""
+    cells = [c["source"] for c in json.loads(file.read_text())["cells"] if c["cell_type"] == "code"]
+    lines = [line for cell in cells for line in "".join(cell).splitlines() if not line.startswith(("%", "!"))]
+    return Module(Path(file.name), ast.parse("\n".join(lines)))
+
+
 def unused() -> set[str]:
-    """``module.name`` of what nothing in the package mentions outside its own definition.
+    """``module.name`` of what nothing mentions but its own definition and others that are unused.
 
     Methods are told by their name alone: one that shares it with a method in use is not found.
     """
     modules = [Module(file, tree) for file, tree in TREES.items()]
-    behind_dots = sum((m.attributes for m in modules), Counter())
-    texts = set().union(*(m.texts for m in modules))
-    found = set()
-    for m in modules:
-        for name, node in definitions(m.tree):
+    users = [*modules, *map(notebook, NOTEBOOKS)]
+    open_ = [(m, name, node) for m in modules for name, node in definitions(m.tree)]
+    found: set[str] = set()
+    while True:
+        behind_dots = sum((m.attributes for m in users), Counter())
+        texts = set().union(*(m.texts for m in modules))
+        new = []
+        for m, name, node in open_:
             last = name.split(".")[-1]
             if last in texts or is_entry(m.tree, node, name):
                 continue
@@ -100,13 +101,18 @@ def unused() -> set[str]:
             if "." in name:
                 used = behind_dots[last] > own_attributes[last]
             else:
-                used = m.names[last] > own_names[last] or any(o.uses(m.name, last) for o in modules if o is not m)
+                used = m.names[last] > own_names[last] or any(o.uses(m.name, last) for o in users if o is not m)
             if not used:
-                found.add(f"{m.name}.{name}")
-    return found
+                new.append((m, name, node))
+        if not new:
+            return found
+        for m, name, node in new:
+            open_.remove((m, name, node))
+            found.add(f"{m.name}.{name}")
+            names, attributes = mentions(list(ast.walk(node)))
+            m.names.subtract(names)
+            m.attributes.subtract(attributes)
 
 
 def test_no_public_name_is_for_tests_alone():
-    found = unused()
-    assert not found - FOR_NOW, f"called by nothing in drake_hand: {sorted(found - FOR_NOW)}"
-    assert not FOR_NOW - found, f"used or gone by now, so strike it off: {sorted(FOR_NOW - found)}"
+    assert not unused()

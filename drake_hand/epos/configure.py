@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import get_args
 
 import can
 
@@ -12,7 +13,7 @@ from drake_hand.epos import objects as od
 from drake_hand.epos.drives import BusSpec, Drive
 from drake_hand.epos.master import NMT_PRE_OPERATIONAL, Master, SdoError, for_all
 from drake_hand.epos.objects import Obj
-from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, PDO_DISABLED, SDO_RX_BASE, SYNC_COB, Pdo
+from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, ON_EVENT, PDO_DISABLED, SDO_RX_BASE, SYNC_COB, Direction, Pdo
 
 ABORT_BY_QUICK_STOP, QUICK_STOP_AND_STAY, FAULT_BY_QUICK_STOP = 3, 6, 2
 """Option codes 0x6007, 0x605A, 0x605E: on lost communication or a fault, slow down on the quick-stop ramp."""
@@ -56,25 +57,25 @@ def writes(drive: Drive, bus: BusSpec) -> list[Write]:
     if drive.type == "epos4":
         values += [(od.QUICK_STOP_OPTION, QUICK_STOP_AND_STAY), (od.IP_PERIOD_VALUE, bus.sync_ms)]
         values.append((od.IP_PERIOD_INDEX, -3))
-    if drive.type == "epos2":
+    if drive.has_queue:
         values += [(od.IP_SUBMODE, -1), (od.IP_UNDERFLOW_WARNING, 4), (od.IP_OVERFLOW_WARNING, 60)]
     found = [Write(obj=o, value=v) for o, v in values]
     found.append(Write(obj=od.MODE, value=od.STREAM_MODE[drive.type]))
-    if drive.type == "epos2":
+    if drive.has_queue:
         found += [Write(obj=od.IP_BUFFER_CLEAR, value=v, read_back=False) for v in (0, 1)]
     used: dict[tuple[str, int], Pdo] = {(p.direction, p.number): p for p in LAYOUT[drive.type].all}
-    for direction, base, communication in (("rx", 0x200, 0x1400), ("tx", 0x180, 0x1800)):
+    for direction in get_args(Direction):
         for number in range(1, _PDOS + 1):
-            pdo = used.get((direction, number))
-            found += _pdo_writes(drive.node, pdo, base + 0x100 * (number - 1), communication + number - 1)
+            unused = Pdo(direction=direction, number=number, transmission=ON_EVENT, entries=())
+            found += _pdo_writes(drive.node, used.get((direction, number), unused))
     return found
 
 
-def _pdo_writes(node: int, pdo: Pdo | None, base: int, communication: int) -> list[Write]:
-    """Off; then, if it is used: no entries, entries, their number, transmission type, on."""
-    cob = Obj(communication, 1, "u32")
-    off = Write(obj=cob, value=base + node | PDO_DISABLED)
-    if pdo is None:
+def _pdo_writes(node: int, pdo: Pdo) -> list[Write]:
+    """Off; then, if it has entries: no entries, entries, their number, transmission type, on."""
+    cob = Obj(pdo.communication_index, 1, "u32")
+    off = Write(obj=cob, value=pdo.cob_id(node) | PDO_DISABLED)
+    if not pdo.entries:
         return [off]
     count = Obj(pdo.mapping_index, 0, "u8")
     return [
@@ -82,7 +83,7 @@ def _pdo_writes(node: int, pdo: Pdo | None, base: int, communication: int) -> li
         Write(obj=count, value=0),
         *(Write(obj=Obj(pdo.mapping_index, i, "u32"), value=o.mapping) for i, o in enumerate(pdo.entries, 1)),
         Write(obj=count, value=len(pdo.entries)),
-        Write(obj=Obj(communication, 2, "u8"), value=pdo.transmission),
+        Write(obj=Obj(pdo.communication_index, 2, "u8"), value=pdo.transmission),
         Write(obj=cob, value=pdo.cob_id(node)),
     ]
 

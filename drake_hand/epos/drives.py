@@ -21,7 +21,7 @@ from msgspec import Meta
 
 from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.objects import IDENTITY, DriveType, Identity
-from drake_hand.epos.pdo import MASTER_NODE
+from drake_hand.epos.pdo import LAYOUT, MASTER_NODE
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve
 
@@ -118,7 +118,7 @@ class Drive:
     @property
     def has_queue(self) -> bool:
         """Whether it plays positions and speeds from a queue (PVT); the others follow a target in every SYNC period."""
-        return self.type == "epos2"
+        return LAYOUT[self.type].record is not None
 
 
 _DEFAULTS = DriveSpec(

@@ -32,6 +32,8 @@ MASTER_NODE = 127
 """Node id of the master's own heartbeat, which the drives consume."""
 
 ON_SYNC, ON_EVENT = 1, 255
+Direction = Literal["rx", "tx"]
+"""As the drive sees it: ``rx`` master to drive, ``tx`` drive to master."""
 PDO_DISABLED = 1 << 31
 
 
@@ -39,8 +41,7 @@ PDO_DISABLED = 1 << 31
 class Pdo:
     """One PDO of a drive: what is in it and when it acts."""
 
-    direction: Literal["rx", "tx"]
-    """As the drive sees it: ``rx`` master to drive, ``tx`` drive to master."""
+    direction: Direction
     number: int
     """1 to 4."""
     transmission: int

@@ -46,7 +46,7 @@ class PvtBackend:
         self._low = min(max(3, int(LOW_S * 1e3 / ms)), self._target - 1)
         self._first = self._next = self._flying = 0
         self._count = len(self._counts)
-        self._command = LAYOUT["epos2"].command
+        self._command = LAYOUT[schedule.drives.drives[column].type].command
 
     def prime(self, first: int, last: int) -> list[bytes]:
         """The first records of the stretch, up to the target.

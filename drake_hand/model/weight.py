@@ -7,12 +7,11 @@ from functools import partial
 
 import numpy as np
 
+from drake_hand.model.gravity import STANDARD_GRAVITY
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import find_mesh
 from drake_hand.model.urdf import Joint, Urdf
 from drake_hand.model.xml import Source
-
-_G = 9.81
 
 
 def weight_torques(urdf: Urdf, joints: Iterable[Joint]) -> float:
@@ -33,7 +32,7 @@ def weight_torques(urdf: Urdf, joints: Iterable[Joint]) -> float:
         torque, beyond = 0.0, [(joint.child, np.eye(4))]
         for name, X_JL in beyond:
             mass, p_LCom = centre[name]
-            torque += _G * mass * float(np.linalg.norm(X_JL[:3, :3] @ p_LCom + X_JL[:3, 3]))
+            torque += STANDARD_GRAVITY * mass * float(np.linalg.norm(X_JL[:3, :3] @ p_LCom + X_JL[:3, 3]))
             beyond += [(j.child, X_JL @ j.X_PC) for j in urdf.joints.values() if j.parent == name]
         most = max(most, torque)
     return most

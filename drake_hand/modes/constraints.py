@@ -33,8 +33,6 @@ MINIMUM_DISTANCE = "minimum distance"
 class IkOptions:
     """What is asked beyond the mode itself."""
 
-    distances: bool = True
-    """Whether minimum distances are asked for; without them a program is several times as quick."""
     clearance: float = 5e-4
     """Between all pairs but fingertips in contact and the object, m."""
     influence: float = 5e-3
@@ -55,14 +53,12 @@ class ModeProgram:
     """Where the object may be."""
     p_OC: dict[str, np.ndarray]
     """(3,) tip centres asked for, on the expanded surface."""
-    on_surface: dict[str, float]
-    """Fingers whose tip centre may be elsewhere on the expanded surface, and how far along either tangent, m."""
     q_guess: np.ndarray
     """(nq,) rad."""
     options: IkOptions
     ik: InverseKinematics = field(repr=False)
-    context: Context | None = field(repr=False)
-    """Root context, with the mode's collision filter; none without distances."""
+    context: Context = field(repr=False)
+    """Root context, with the mode's collision filter."""
 
     @property
     def prog(self) -> MathematicalProgram:
@@ -95,7 +91,6 @@ def build_ik(
     contacts: Mapping[str, np.ndarray],
     *,
     corridor: PoseRegion | None = None,
-    on_surface: Mapping[str, float] | None = None,
     q_guess: np.ndarray | None = None,
     options: IkOptions | None = None,
 ) -> ModeProgram:
@@ -112,8 +107,6 @@ def build_ik(
         X_WO: (4, 4) object pose to start from.
         contacts: tip centre p_OC (3,) of every finger in contact, m; the expanded surface's nearest point is meant.
         corridor: where the object may be; at `X_WO` and nowhere else if not given.
-        on_surface: fingers in contact that may touch elsewhere than at their point, and how far along either tangent,
-            m (infinite: anywhere on the surface). Sliding ones that are not named have the options' range.
         q_guess: (nq,) posture to start from, rad; if not given, fingers in contact start where they come nearest to
             their contact, free ones at home.
         options: clearance and ranges.
@@ -129,33 +122,27 @@ def build_ik(
     corridor = corridor or PoseRegion(X_WO=X_WO)
     touching = [hand.fingers[i] for i in mode.touching]
     p_OC = {f.name: _onto(surface, contacts[f.name], f.radius) for f in touching}
-    sliding = {f.name: options.slide_range for f in touching if mode.submodels[f.index] is Submodel.SLIDE}
-    moving = sliding | dict(on_surface or {})
+    sliding = {f.name for f in touching if mode.submodels[f.index] is Submodel.SLIDE}
     if q_guess is None:
         q_guess = reach(hand, X_WO, p_OC, hand.q_home)
         scene.set(q_guess, X_WO)
     positions = scene.plant.GetPositions(scene.plant_context)
 
-    context = None
-    if options.distances:
-        context = scene.diagram.CreateDefaultContext()
-        plant_context = scene.plant.GetMyMutableContextFromRoot(context)
-        scene.plant.SetPositions(plant_context, positions)
-        _let_touch(scene, context, touching)
-        ik = InverseKinematics(scene.plant, plant_context)
-    else:
-        ik = InverseKinematics(scene.plant)
+    context = scene.diagram.CreateDefaultContext()
+    plant_context = scene.plant.GetMyMutableContextFromRoot(context)
+    scene.plant.SetPositions(plant_context, positions)
+    _let_touch(scene, context, touching)
+    ik = InverseKinematics(scene.plant, plant_context)
     _describe_what_drake_added(scene, ik)
     pose = _pose_columns(scene)
     corridor.constrain(ik.prog(), ik.q()[pose], positions[pose], object_.name)
     for finger in touching:
-        if finger.name in moving:
-            _stay_on(scene, ik, finger, p_OC[finger.name], moving[finger.name])
+        if finger.name in sliding:
+            _stay_on(scene, ik, finger, p_OC[finger.name], options.slide_range)
         else:
             _hold_point(scene, ik, finger, p_OC[finger.name])
-    if options.distances:
-        apart = ik.AddMinimumDistanceLowerBoundConstraint(options.clearance, options.influence)
-        apart.evaluator().set_description(MINIMUM_DISTANCE)
+    apart = ik.AddMinimumDistanceLowerBoundConstraint(options.clearance, options.influence)
+    apart.evaluator().set_description(MINIMUM_DISTANCE)
     weights = np.ones(len(positions))
     weights[pose] = np.repeat([4.0, LEVER_M**-2], [4, 3])  # an angle is twice as far as its quaternion
     ik.prog().AddQuadraticErrorCost(np.diag(weights), positions, ik.q())
@@ -166,7 +153,6 @@ def build_ik(
         X_WO=X_WO,
         corridor=corridor,
         p_OC=p_OC,
-        on_surface=moving,
         q_guess=q_guess,
         options=options,
         ik=ik,

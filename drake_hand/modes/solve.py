@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.solvers import SnoptSolver, SolverOptions
 
+from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.model.scene import Scene
@@ -76,7 +77,8 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
         within = np.clip(q, program.scene.hand.q_lower, program.scene.hand.q_upper)
         q = np.where(np.abs(within - q) <= TOLERANCE, within, q)  # SNOPT's bounds have a tolerance of their own
         if find_violations(program, q, X_WO):
-            fixed = {name: p_OC for name, p_OC in program.p_OC.items() if name not in program.on_surface}
+            submodels = dict(zip([f.name for f in program.scene.hand.fingers], program.mode.submodels, strict=True))
+            fixed = {n: p_OC for n, p_OC in program.p_OC.items() if submodels[n] is Submodel.ROLL}
             q = reach(program.scene.hand, X_WO, fixed, q)
             violations = find_violations(program, q, X_WO)
             if violations:
@@ -128,11 +130,10 @@ def find_violations(program: ModeProgram, q: np.ndarray, X_WO: np.ndarray) -> li
     for f in hand.fingers:
         for column, joint in zip(f.columns, f.joints, strict=True):
             limits.append(Violation(finger=f.name, constraint=LIMITS, amount=float(beyond[column]), where=joint))
-    if program.options.distances:
-        for a, b, distance in scene.clearances(program.options.clearance, exclude=program.p_OC):
-            owner = next((f.name for f in hand.fingers if a in f.links or b in f.links), "")
-            short = program.options.clearance - distance
-            distances.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
+    for a, b, distance in scene.clearances(program.options.clearance, exclude=program.p_OC):
+        owner = next((f.name for f in hand.fingers if a in f.links or b in f.links), "")
+        short = program.options.clearance - distance
+        distances.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
     kinds = (sorted(kind, key=lambda v: -v.amount) for kind in (contacts, corridor, limits, distances))
     return [v for kind in kinds for v in kind if v.amount > TOLERANCE]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-STANDARD_GRAVITY = 9.81
-"""m/s^2; an object's weight on earth is the scale of its forces, however the palm is turned."""
+from drake_hand.model.gravity import STANDARD_GRAVITY as STANDARD_GRAVITY
+
 TORQUE_LENGTH = 0.01
 """m; a force at this length weighs as much as a torque."""
 UNBALANCED_SHARE = 0.02

@@ -15,6 +15,7 @@ from swing import swing
 
 from drake_hand.cli import run
 from drake_hand.cli.drives_proof import prove
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
@@ -173,7 +174,10 @@ def test_off_gets_out_of_what_a_killed_execute_leaves(plan, capsys):
     command = [sys.executable, "-c", "from drake_hand.cli import main; main()", *EXECUTE, plan]
     with spawn_simulated_drives(KANGUERA) as spawned:
         bus = ["--interface", spawned.interface, "--channel", spawned.channel]
-        with subprocess.Popen([*command, *bus]) as player, spawned.open_bus() as listener:
+        with (
+            subprocess.Popen([*command, *bus]) as player,
+            BusSpec().open(spawned.interface, spawned.channel) as listener,
+        ):
             while (message := listener.recv(10)) and message.arbitration_id != 0x301:
                 pass
             player.kill()

@@ -11,6 +11,7 @@ import pytest
 from drake_hand.cli import run
 from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_physics import Mishap, spawn_physical_hand
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
@@ -79,7 +80,10 @@ def test_physics_needs_simulated_drives(carry, capsys):
 def stopped_by(file, mishap: Mishap, at_s: float) -> tuple[str, float]:
     """What stops a run in which something happens at a plan time, and how long after."""
     plan, drives, when = Plan.load(file), Drives.load(), []
-    with spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0]) as hand, hand.spawned.open_bus() as bus:
+    with (
+        spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0]) as hand,
+        BusSpec().open(hand.spawned.interface, hand.spawned.channel) as bus,
+    ):
 
         def act():
             while not hand.clock.plan_time > at_s:

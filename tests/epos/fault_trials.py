@@ -28,9 +28,10 @@ from drake_hand.epos.objects import IDENTITY, DriveType
 from drake_hand.epos.pdo import LAYOUT
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import kind_of
-from drake_hand.epos.sim.timeline import Header, Row, TimelineEvent, read_timeline
+from drake_hand.epos.sim.timeline import Header, Row, TimelineEvent
 from drake_hand.epos.state import Control, DriveState
 from drake_hand.epos.stops import FOLLOWING_SHARE
+from tests.epos.timelines import read_timeline
 
 MOTION_S = 1.0
 WITHIN_S = 0.6

@@ -15,6 +15,7 @@ import numpy as np
 
 from drake_hand.cli import run
 from drake_hand.cli.drives_physics import Outcome, spawn_physical_hand
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.pdo import NMT_COB, SYNC_COB
@@ -80,7 +81,7 @@ def morning(plan: Path, say: Callable[[str], None] = print) -> tuple[list[int], 
 def _fail(spawned: SpawnedDrives) -> None:
     """Lets a drive fail in the middle of the second motion it hears: the first brings the hand to the plan's start."""
     starts = syncs = 0
-    with spawned.open_bus() as bus:
+    with BusSpec().open(spawned.interface, spawned.channel) as bus:
         while syncs < FAULT_AFTER_SYNCS and (message := bus.recv(60.0)):
             starts += message.arbitration_id == NMT_COB and message.data[0] == NMT_START
             syncs += message.arbitration_id == SYNC_COB and starts == 2

@@ -15,14 +15,15 @@ from swing import swing
 
 from drake_hand.epos import executor, master
 from drake_hand.epos import objects as od
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.clock import OwnClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.record import RunRecord
 from drake_hand.epos.sim.process import spawn_simulated_drives
-from drake_hand.epos.sim.timeline import read_timeline
 from drake_hand.epos.state import DriveState, decode_state
 from drake_hand.errors import DriveError
+from tests.epos.timelines import read_timeline
 
 pytestmark = pytest.mark.clocked
 
@@ -65,7 +66,10 @@ def test_fifteen_drives_in_another_process(tmp_path, patiently):
     timeline = tmp_path / "timeline.jsonl"
 
     def play():
-        with spawn_simulated_drives(KANGUERA, log=timeline) as spawned, spawned.open_bus() as bus:
+        with (
+            spawn_simulated_drives(KANGUERA, log=timeline) as spawned,
+            BusSpec().open(spawned.interface, spawned.channel) as bus,
+        ):
             return execute(plan, KANGUERA, bus)
 
     answer = patiently(play).answer()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from fault_trials import drives_of
 
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
@@ -35,7 +36,7 @@ def test_on_fifteen_drives_in_another_process(spin, patiently):
     q = Schedule.build(spin, drives).q[0]
 
     def play():
-        with spawn_simulated_drives(drives, q=q) as spawned, spawned.open_bus() as bus:
+        with spawn_simulated_drives(drives, q=q) as spawned, BusSpec().open(spawned.interface, spawned.channel) as bus:
             return execute(spin, drives, bus)
 
     check(patiently(play).answer())

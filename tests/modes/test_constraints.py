@@ -60,8 +60,6 @@ def test_a_corridor_is_described_too(held) -> None:
     corridor = PoseRegion(X_WO=held.X_WO, position=0.01, rotation=0.1)
     program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, corridor=corridor)
     assert {"corridor position[pencil_r8]", "corridor rotation[pencil_r8]"} < set(program.constraints)
-    bare = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, options=IkOptions(distances=False))
-    assert "minimum distance" not in bare.constraints
 
 
 def test_the_filter_is_the_programs_own(held) -> None:

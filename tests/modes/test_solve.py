@@ -1,5 +1,6 @@
 """Solving a mode, and the reasons given where there is no solution; two hands."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.automaton import Automaton
 from drake_hand.modes.code import Mode
 from drake_hand.modes.constraints import IkOptions, build_ik
+from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.situation import Situation, State
 from drake_hand.modes.solve import Infeasible, find_violations, solve_ik
 
@@ -81,6 +83,33 @@ def test_a_free_finger_is_moved_out_of_the_object(held, ring_in_pencil) -> None:
     held.scene.set(solve_ik(program).q, held.X_WO)
     others = held.scene.clearances(0.05, exclude=["middle", "index", "thumb"])
     assert min(distance for *_, distance in others) > 1e-3 - 1e-5
+
+
+def test_the_pose_moves_to_where_contacts_can_be_reached(held) -> None:
+    """10 mm beside the hold the contacts are out of reach; a corridor of 1 mm is not enough, one of 15 is."""
+    X_WO = held.X_WO.copy()
+    X_WO[:3, 3] += [0, 10e-3, 0]
+
+    def solved(position: float, rotation: float):
+        corridor = PoseRegion(X_WO=X_WO, position=position, rotation=rotation)
+        return solve_ik(build_ik(held.scene, held.mode, X_WO, held.p_OC, corridor=corridor, q_guess=held.q))
+
+    with pytest.raises(Infeasible, match=r"contact\[") as e:
+        solved(1e-3, math.radians(1))
+    assert e.value.evidence.violations
+    moved = solved(15e-3, math.radians(15)).X_WO[:3, 3] - X_WO[:3, 3]
+    assert 1e-3 < np.linalg.norm(moved) < 15e-3 + 1e-6
+
+
+def test_leaving_the_corridor_is_named(held) -> None:
+    corridor = PoseRegion(X_WO=held.X_WO, position=15e-3, rotation=math.radians(15))
+    program = build_ik(held.scene, held.mode, held.X_WO, held.p_OC, corridor=corridor)
+    far = held.X_WO.copy()
+    far[:3, :3] = Rotation.from_rotvec([0, 0, math.radians(20)]).as_matrix() @ far[:3, :3]
+    far[:3, 3] += [0, 0, 17e-3]
+    named = {v.constraint: str(v) for v in find_violations(program, held.q, far)}
+    assert named["corridor position"] == "corridor position missed by 2 mm"
+    assert named["corridor rotation"] == "corridor rotation missed by 5 deg"
 
 
 def test_out_of_reach_names_finger_constraint_amount_and_pose(held) -> None:

@@ -62,7 +62,7 @@ class SimulatedAxis:
             d.hook(o.TARGET_POSITION, write=self._write_target)
         if kind == "epos1":
             d.hook(o.POSITION_MODE_SETTING, write=self._write_setting)
-        if kind == "epos2":
+        if self._drive.has_queue:
             d.hook(o.IP_BUFFER_USED, read=lambda: self.queue.used)
             d.hook(o.IP_BUFFER_FREE, read=lambda: o.IP_DEPTH - self.queue.used)
             d.hook(o.IP_STATUS, read=lambda: self.queue.status)

@@ -222,7 +222,7 @@ def _device(d: Dictionary, drive: Drive) -> None:
     if drive.type == "epos4":
         d.add(o.IP_PERIOD_VALUE, 1, limits=(1, 255))
         d.add(o.IP_PERIOD_INDEX, -3, limits=(-3, -3))
-    if drive.type == "epos2":
+    if drive.has_queue:
         d.add(o.IP_SUBMODE, -1, limits=(-1, -1))
         d.add(o.IP_PERIOD_VALUE, 1, limits=(1, 1))
         d.add(o.IP_PERIOD_INDEX, -3, limits=(-3, -3))

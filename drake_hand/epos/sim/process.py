@@ -24,7 +24,7 @@ import can
 import msgspec
 import numpy as np
 
-from drake_hand.epos.bus import UDP_GROUP, BusSpec
+from drake_hand.epos.bus import UDP_GROUP
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.realtime import quiet_interpreter
 from drake_hand.epos.sim.drives import SimulatedDrives
@@ -57,10 +57,6 @@ class SpawnedDrives:
     """What ``--channel`` takes."""
     process: subprocess.Popen
     interface: str = "udp_multicast"
-
-    def open_bus(self) -> can.BusABC:
-        """Opens a bus to them; the caller shuts it down."""
-        return BusSpec().open(self.interface, self.channel)
 
     def inject(self, fault: msgspec.Struct) -> None:
         """Lets a fault happen now: a `InjectedFault`, or what else they know to suffer."""

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drive import SimulatedDrive
-from drake_hand.errors import InputError
 
 _FLUSH_ROWS = 50
 
@@ -92,29 +90,3 @@ class Timeline:
         if self._out:
             self._out.close()
             self._out = None
-
-
-def read_timeline(file: Path) -> tuple[Header, list[Row], list[TimelineEvent]]:
-    """Reads a timeline; an unfinished last line is left out.
-
-    Raises:
-        InputError: not a timeline.
-    """
-    lines = file.read_bytes().split(b"\n")[:-1]
-    try:
-        header = msgspec.json.decode(lines[0], type=Header)
-        rows = [msgspec.json.decode(x, type=Row) for x in lines[1:] if b'"status"' in x]
-        events = [msgspec.json.decode(x, type=TimelineEvent) for x in lines[1:] if b'"status"' not in x]
-    except (IndexError, msgspec.MsgspecError) as e:
-        raise InputError("not a timeline of simulated drives", file=file, found=str(e)) from e
-    return header, rows, events
-
-
-def rows_as_arrays(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times (k,), status words (k, n), positions (k, n) and demands (k, n) [counts] of k rows."""
-    return (
-        np.array([r.t for r in rows]),
-        np.array([r.status for r in rows]),
-        np.array([r.position for r in rows]),
-        np.array([r.demand for r in rows]),
-    )

@@ -14,13 +14,14 @@ from canopen.objectdictionary import ODArray, ODVariable, datatypes
 from canopen.profiles.p402 import BaseNode402
 
 from drake_hand.epos import objects as o
+from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
 from drake_hand.epos.sim.process import spawn_simulated_drives
-from drake_hand.epos.sim.timeline import read_timeline
 from drake_hand.epos.state import DriveState
 from drake_hand.errors import DriveError, InputError
+from tests.epos.timelines import read_timeline
 
 pytestmark = pytest.mark.clocked
 
@@ -162,7 +163,7 @@ def test_child_serves_a_bus_of_its_own_and_ends_with_its_parent(tmp_path):
     log = tmp_path / "log.jsonl"
     faults = FaultsFile(faults=[InjectedFault(kind="emcy", joint="ring_pip", since="boot")])
     with spawn_simulated_drives(KANGUERA, q=np.full(15, 0.3), log=log, faults=faults) as spawned:
-        with spawned.open_bus() as bus:
+        with BusSpec().open(spawned.interface, spawned.channel) as bus:
             assert ask(bus, 0x601, READ_STATUS, 0x581)[4:6] == b"\x40\x83"
             assert ask(bus, 0x606, READ_STATUS, 0x586)[4:6] == b"\x08\x83"
             spawned.inject(InjectedFault(kind="emcy", joint="little_abduction", code=0x8611))
