@@ -9,6 +9,9 @@ from typing import Literal
 
 import msgspec
 
+INTERRUPTED = 130
+"""Exit status of a command that Ctrl-C ended, as in shells: 128 and the number of the signal."""
+
 
 class DrakeHandError(Exception):
     """Base of all errors a user may see; the command line prints it in one message, without a traceback."""

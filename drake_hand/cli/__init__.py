@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from drake_hand.cli import interrupt
+from drake_hand.errors import INTERRUPTED
 
 
 def run(tokens: Sequence[str]) -> int:
@@ -24,7 +25,7 @@ def run(tokens: Sequence[str]) -> int:
 def _interrupted(words: str = "") -> int:
     interrupt.ignore()
     print(f"drake-hand: {words or 'interrupted'}", file=sys.stderr)
-    return 130
+    return INTERRUPTED
 
 
 def _run(tokens: Sequence[str]) -> int:

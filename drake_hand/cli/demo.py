@@ -52,7 +52,7 @@ def _steps(output: Path) -> Generator[tuple[str, Callable[[], int | None]], None
         yield "Prove it again, from its file alone", lambda: plans.check(file)
         yield (
             "Play it on simulated drives",
-            lambda: drives_execute.execute(file, drives="kanguera", simulate=True, log=run),
+            lambda: drives_execute.execute(file, drives="kanguera", simulate=True, on_interrupt="off", log=run),
         )
         yield "Draw the plan", lambda: plot(file, output=output / "figures")
         yield "Draw the run", lambda: plot(run, output=output / "figures" / "run")

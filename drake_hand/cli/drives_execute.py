@@ -66,7 +66,7 @@ def execute(
     The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C halts a hand that holds
     the object, and it goes on holding; the next one, or the first where it holds nothing, stops it; one more takes the
     power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
-    drive, 2 wrong input.
+    drive, 2 wrong input, 130 stopped by Ctrl-C and every drive disabled.
 
     ```console
     $ drake-hand execute spin.plan.json --drives kanguera --simulate
@@ -302,10 +302,10 @@ def _print_run(
     run: executor.DriveRun, json: bool, outcome: Outcome | None = None, seen: PoseFeedback | None = None
 ) -> int:
     answer = run.answer() | ({"feedback": seen.answer()} if seen else {})
-    ok = run.ok and not (outcome and outcome.dropped)
+    status = run.exit_status or int(outcome is not None and outcome.dropped)
     if json:
         print_json(answer if outcome is None else answer | {"engine": "drake", "object": msgspec.to_builtins(outcome)})
-        return 0 if ok else 1
+        return status
     for fault in answer["faults"]:
         stored = f"; stored: {', '.join(fault['history'])}" if fault["history"] else ""
         print(f"stopped at {fault['time_s']:.2f} s by {fault['text']}{stored}")
@@ -329,4 +329,4 @@ def _print_run(
             f" {outcome.position_error_mm:.2f} mm, tilt {outcome.tilt_error_deg:.2f} deg, turn"
             f" {outcome.rotation_error_deg:.2f} deg; {outcome.slowed:.1f} x slower than real time"
         )
-    return 0 if ok else 1
+    return status

@@ -58,7 +58,8 @@ def home(
 ) -> int:
     """Bring the hand home from where it is, slowly, along a path that is certified collision-free.
 
-    What the hand holds falls. Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input.
+    What the hand holds falls. Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input,
+    130 interrupted.
 
     ```console
     $ drake-hand drives home --drives my.drives.yaml
@@ -90,7 +91,7 @@ def goto(
 ) -> int:
     """Bring the hand to where a plan starts, slowly, clear of the object that stands there.
 
-    Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input.
+    Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input, 130 interrupted.
 
     ```console
     $ drake-hand drives goto spin.plan.json --drives my.drives.yaml
@@ -130,4 +131,4 @@ def _tell(run: DriveRun, json: bool) -> int:
         print("there; every drive is off" if run.ok else "NOT there")
         if answer["not_disabled"]:
             print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
-    return 0 if run.ok else 1
+    return run.exit_status

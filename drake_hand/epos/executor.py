@@ -29,7 +29,7 @@ from drake_hand.epos.player import Player
 from drake_hand.epos.preflight import Refused, check_before_play
 from drake_hand.epos.record import Fault, RunHeader, RunRecord
 from drake_hand.epos.schedule import WHOLE, Excerpt, Schedule
-from drake_hand.errors import DriveError, DriveTimeout
+from drake_hand.errors import INTERRUPTED, DriveError, DriveTimeout
 from drake_hand.plans.plan import Plan
 
 PROGRESS_S = 0.2
@@ -68,6 +68,13 @@ class DriveRun:
     def ok(self) -> bool:
         """Whether the plan was played to its end and every drive was read back as disabled."""
         return self.record.header.ok
+
+    @property
+    def exit_status(self) -> int:
+        """Of the command that played it: 0 `ok`; 130 stopped by Ctrl-C, every drive off; 1 stopped otherwise."""
+        header = self.record.header
+        stopped = any(f.kind == "interrupt" for f in header.faults) and not header.not_disabled
+        return 0 if header.ok else INTERRUPTED if stopped else 1
 
     def answer(self) -> dict:
         """The JSON object of ``execute``, and what explains the tracking error."""

@@ -1,6 +1,7 @@
 """`drake-hand execute`, `drives scan` and `drives status`, as typed."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -50,6 +51,24 @@ def test_execute_on_simulated_drives(plan, tmp_path, capsys):
     assert 0 < answer["max_tracking_error_deg"] < 2
     assert set(answer["sync_late_ms"]) == {"p50", "p99", "max"}
     assert RunRecord.load(log).header.joints == list(KANGUERA.joints)
+
+
+def test_ctrl_c_stops_the_drives_and_is_130(tmp_path):
+    """The first one, where nothing is held; the drives are off, and it says what stopped the run."""
+    file = tmp_path / "long.plan.json"
+    swing(KANGUERA.joints, 20.0).save(file)
+    command = [sys.executable, "-c", "from drake_hand.cli import main; main()", *EXECUTE, str(file), "--json"]
+    with spawn_simulated_drives(KANGUERA) as spawned:
+        bus = ["--interface", spawned.interface, "--channel", spawned.channel]
+        listening = BusSpec().open(spawned.interface, spawned.channel)
+        with subprocess.Popen([*command, *bus], stdout=subprocess.PIPE, text=True) as player, listening as listener:
+            while (message := listener.recv(20)) and message.arbitration_id != 0x301:
+                pass  # until the first record of the motion
+            time.sleep(0.5)
+            player.send_signal(signal.SIGINT)
+            answer = json.loads(player.communicate(timeout=20)[0])
+    assert player.returncode == 130
+    assert (answer["ok"], answer["disabled"], [f["text"] for f in answer["faults"]]) == (False, True, ["SIGINT"])
 
 
 def test_dry_run_shows_every_frame_and_opens_no_bus(plan, capsys, no_bus):

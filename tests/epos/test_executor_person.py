@@ -157,8 +157,10 @@ def test_a_hand_that_holds_is_stopped_by_whatever_stops_it(how, kind, words, vir
         assert {DriveState.OPERATION_ENABLED} in [states for _, _, states in person.seen]
         return run
 
-    header = patiently(play).record.header
+    run = patiently(play)
+    header = run.record.header
     assert (header.faults[0].kind, header.not_disabled) == (kind, [])
+    assert run.exit_status == (130 if kind == "interrupt" else 1)
     assert words in header.faults[0].text
 
 
@@ -170,3 +172,4 @@ def test_where_nothing_is_held_the_first_interrupt_stops(virtual):
         run = execute(plan, drives, bus, person=person, hold=True, progress=person.progress)
     assert person.seen == []
     assert [f.text for f in run.record.header.faults] == ["SIGINT"]
+    assert run.exit_status == 130
