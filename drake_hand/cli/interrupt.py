@@ -8,6 +8,7 @@ modules) or takes its own imports to be missing (trimesh): its import is complet
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from importlib.machinery import ExtensionFileLoader, SourceFileLoader
 from types import FrameType
@@ -50,10 +51,15 @@ def insist() -> None:
 
 def _hear(_: int, frame: FrameType | None) -> None:
     global _last_s
+    sys.unraisablehook = _unsaid
     now = time.monotonic()
     again, _last_s = _last_s is not None and now - _last_s < _APART_S, now
     if not again:
         _raise(signal.SIGALRM, frame)
+
+
+def _unsaid(_: object) -> None:
+    """Of Ctrl-C in a destructor or in a callback of compiled code, where it cannot be raised, Python prints a stack."""
 
 
 def _raise(_: int, frame: FrameType | None) -> None:

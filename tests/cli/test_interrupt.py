@@ -59,6 +59,13 @@ from dataclasses import make_dataclass
 with output.progress_display(quiet=True) as tell:
     tell(make_dataclass('Progress', ['stage', 'fraction'])('search', 0.5))
 """,
+    "in a destructor": """
+class Gone:
+    def __del__(self):
+        ctrl_c()
+Gone()
+interrupt.insist()
+""",
     "at exit": """
 import atexit
 atexit.register(lambda: (time.sleep(1.1), ctrl_c()))
