@@ -68,6 +68,8 @@ def solve(
     try:
         for path in find_paths(task, progress=progress):
             found = perf_counter()
+            if progress:
+                progress(Progress(stage="timing"))
             plan = time_path(path)
             timed = perf_counter()
             certificate = check(plan, progress=progress)

@@ -66,7 +66,13 @@ def test_the_papers_rotation_is_found_in_its_five_modes():
 
 
 def test_a_pencil_is_carried_without_letting_go():
-    result = api.solve("carry")
+    told = []
+    result = api.solve("carry", progress=told.append)
+    stages = list(dict.fromkeys(p.stage for p in told))
+    assert stages[-2:] == ["timing", "certificate"]
+    planning = {name: s for name, s in result.stages_s.items() if name != "certificate"}
+    assert set(planning) - {"model"} <= set(stages)
+    assert 0.7 * result.plan_s < sum(planning.values()) <= result.plan_s
     assert result.plan.certified
     assert result.regrasps == 0
 
