@@ -149,12 +149,16 @@ def check(plan: Plan, *, progress: Callable[[Progress], None] | None = None) -> 
     return certify(plan, progress=tell)
 
 
-def show(plan: Plan, replayed: tuple[SimulatedRun, Record] | None = None) -> Page:
+def show(
+    plan: Plan, replayed: tuple[SimulatedRun, Record] | None = None, *, failure: NoPlanFound | None = None
+) -> Page:
     """A plan as one HTML page to play, pause and scrub; shown in a notebook cell, or saved to a file.
 
     Args:
         plan: what to show.
         replayed: what :func:`drake_hand.replay` made of it in physics, to be shown beside what was planned.
+        failure: of the planning that got no further than `plan`: said on the page, which opens where it got stuck and
+            marks the finger that blocks.
 
     Raises:
         InputError: the plan's hand or object cannot be loaded.
@@ -168,7 +172,7 @@ def show(plan: Plan, replayed: tuple[SimulatedRun, Record] | None = None) -> Pag
     from drake_hand.model.scene import Scene
     from drake_hand.view.show import render
 
-    return render(plan, Scene(Hand.load(plan.task.hand), Object.load(plan.task.object)))
+    return render(plan, Scene(Hand.load(plan.task.hand), Object.load(plan.task.object)), failure)
 
 
 def look(subject: Hand | Task | str | Path) -> Page:

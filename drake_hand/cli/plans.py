@@ -65,7 +65,7 @@ def plan(
         except NoPlanFound as e:
             unfinished = api.unfinished(e, progress=progress)
             if html:  # instead of the page of an older plan
-                write_atomic(html, api.show(unfinished) if unfinished else api.show_failure(task, e))
+                write_atomic(html, api.show(unfinished, failure=e) if unfinished else api.show_failure(task, e))
             if unfinished:
                 _keep(unfinished, output)
             raise

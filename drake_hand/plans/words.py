@@ -30,8 +30,10 @@ class Line:
 
     @property
     def margin(self) -> str:
-        """The share in per cent."""
-        return "" if self.share is None else per_cent(self.share)
+        """The share in per cent; far beyond the limit, how many times it."""
+        if self.share is None:
+            return ""
+        return per_cent(self.share) if self.share >= -1 else f"{figure(1 - self.share)} x the limit"
 
 
 @dataclass(frozen=True)

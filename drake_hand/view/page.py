@@ -56,6 +56,16 @@ class Strip:
     limit: float | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """Where a motion got stuck."""
+
+    t: float
+    """s."""
+    finger: str | None
+    """That blocks."""
+
+
 def strip(name: str, unit: str, values: np.ndarray, *, low: float = 0.0, limit: float | None = None) -> Strip:
     """A strip of (k,) values at equally spaced times, NaN where there is none."""
     row = np.asarray(values)[np.linspace(0, len(values) - 1, STRIP_SAMPLES).round().astype(int)]
@@ -74,6 +84,7 @@ def add_panel(
     facts: list[Fact] | None = None,
     strips: Sequence[Strip] = (),
     verdict: tuple[str, str, str] | None = None,
+    stop: Stop | None = None,
 ) -> Page:
     """Puts the panel into a page of Meshcat's ``StaticHtml``.
 
@@ -85,6 +96,7 @@ def add_panel(
         facts: lines of the card; the certificate's worst values if not given.
         strips: figures over time; friction left and turn of the plan if not given.
         verdict: the badge, ``yes``, ``half`` or ``no``, and a sentence; what the certificate says if not given.
+        stop: where it opens, at rest; it plays from its start if not given.
     """
     if facts is None:
         facts = certificate_facts(plan.certificate) if plan.certificate else []
@@ -99,6 +111,7 @@ def add_panel(
         "good": good,
         "verdict": sentence,
         "facts": facts,
+        "stop": asdict(stop) if stop else None,
         "duration": plan.duration,
         "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],
         "strips": [asdict(s) for s in strips or plan_strips(course)],

@@ -7,21 +7,23 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
+from drake_hand.errors import NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Plan
 from drake_hand.view.course import Course
-from drake_hand.view.page import Page, add_panel
+from drake_hand.view.page import Page, Stop, add_panel, certificate_facts
 from drake_hand.view.stage import Stage, frame_times
 
 FIRST_PORT = 7000
 
 
-def render(plan: Plan, scene: Scene) -> Page:
+def render(plan: Plan, scene: Scene, failure: NoPlanFound | None = None) -> Page:
     """A plan as one HTML page: hand and object, contact points and forces, mode and mode timeline, play, pause, scrub.
 
     Args:
         plan: what to show.
         scene: its hand and object.
+        failure: of the planning that got no further; the page says it, and opens where it got stuck.
     """
     course = Course.of(plan, scene.hand, frame_times(plan.duration))
     states = course.states
@@ -36,7 +38,19 @@ def render(plan: Plan, scene: Scene) -> Page:
         stage.way(i, touched_O[:, i], on_object=True)
     if _apart(states.X_WO[0], states.X_WO[-1]):
         stage.object(np.repeat(states.X_WO[-1:], len(states.t), axis=0), ghost=True)
-    return add_panel(stage.html(), plan, course, stage.scene)
+    if failure is None:
+        return add_panel(stage.html(), plan, course, stage.scene)
+    verdict = ("no plan", "no", f"no plan ({failure.status}): {failure.reason}")
+    stop = Stop(t=_stuck(plan), finger=failure.evidence.finger)
+    facts = [fact for fact in certificate_facts(plan.certificate) if not fact[3]] if plan.certificate else []
+    return add_panel(stage.html(), plan, course, stage.scene, facts=facts, verdict=verdict, stop=stop)
+
+
+def _stuck(plan: Plan) -> float:
+    """When a plan, all of which was found, fails its certificate; else its end."""
+    worst = plan.certificate.worst if plan.certificate else {}
+    failing = [w.time_s for name, w in worst.items() if not w.ok and w.time_s is not None]
+    return min(failing, default=plan.duration)
 
 
 def _just_above(course: Course) -> np.ndarray:

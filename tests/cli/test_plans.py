@@ -150,7 +150,7 @@ def test_what_was_found_of_a_plan_is_kept(certified, tmp_path, monkeypatch, caps
     assert str(kept) in err
     assert not Plan.load(kept).certified
     assert older.read_text() == "an older plan"
-    assert "not certified" in page.read_text()
+    assert "does not pass its certificate" in page.read_text()
 
 
 def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):

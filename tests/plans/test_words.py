@@ -42,6 +42,8 @@ def test_margins_are_shares_of_what_is_allowed():
     told = {line.field: (line.value, line.limit, line.margin) for line in figure_lines(found)}
     assert told["slip_mm"] == ("0.1 mm", "at most 0.5 mm", "80 %")
     assert told["limit_margin_rad"] == ("4 deg", "at least 0 deg", "")
+    (missed,) = figure_lines(certificate(goal_position_mm=at(166.0, 0.1, ok=False)))
+    assert (missed.value, missed.margin) == ("166 mm", "1660 x the limit")
     assert told["penetration_mm"] == ("1.03 mm", "at least 0 mm", "")
 
 

@@ -185,6 +185,18 @@ def test_a_failure_names_the_finger_that_blocks_at_its_tip(browser, folder):
         assert drawn(picture(tab)).mean() > 0.02
 
 
+def test_a_motion_that_got_stuck_opens_where_it_did_and_says_why(browser, sample_plan, folder):
+    reason = "out of time at 40 %: index near the end of what the finger can reach"
+    error = NoPlanFound(reason, status="timeout", evidence=Evidence(finger="index"))
+    with opened(browser, saved(api.show(sample_plan, failure=error), folder / "stuck.html")) as tab:
+        tab.wait_for_function(READY)
+        assert tab.evaluate("viewer.animator.playing") is False
+        assert now(tab) == pytest.approx(sample_plan.duration)
+        assert "index blocks" in tab.locator("#dh-labels div").all_inner_texts()
+        assert text(tab, "#dh-more summary") == f"no plan (timeout): {reason}"
+        assert text(tab, "#dh-detail").startswith("index, ")
+
+
 def test_a_hand_shows_itself_in_a_cell(browser, hand, folder):
     """As a notebook puts it into its page."""
     file = folder / "cell.html"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from drake_hand import api
+from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Certificate, Worst
 from drake_hand.plans.words import KINEMATIC, title
 from drake_hand.view import show
@@ -38,6 +39,16 @@ def test_panel_knows_modes_events_and_merged_rows(page):
     assert [row[:3] for row in data["rows"][3]] == [[0, 0.0, 1.0], [1, 1.0, 2.0], [0, 2.0, 4.0], [2, 4.0, 5.0]]
     assert data["rows"][3][1][3].startswith("index, rolling from 1.00 to 2.00 s: ")
     assert data["good"] == "no"
+
+
+def test_a_plan_that_was_refused_opens_where_it_fails(sample_plan):
+    late = Worst(value=2.0, limit=1.0, ok=False, time_s=4.0)
+    found = {"goal_position_mm": late, "slip_mm": msgspec.structs.replace(late, time_s=2.5)}
+    certificate = Certificate(certified=False, samples=1, worst=found, failures=["slip_mm"], plan_hash="")
+    error = NoPlanFound("it slips", evidence=Evidence(constraint="certificate"))
+    shown = api.show(msgspec.structs.replace(sample_plan, certificate=certificate), failure=error)
+    assert panel_data(shown)["stop"] == {"t": 2.5, "finger": None}
+    assert panel_data(shown)["verdict"] == "no plan (infeasible): it slips"
 
 
 def test_the_recording_is_compressed(page):

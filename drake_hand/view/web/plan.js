@@ -63,6 +63,8 @@
       add(svg, "text", { x: x(t), y: height - .2 * em, "text-anchor": "middle" }, +t.toFixed(3) + (t ? "" : " s"));
     cursor = add(svg, "rect", { y: 0, width: 2, height: height - 1.3 * em, fill: "#d11" });
     shown = null;
+    const wide = innerWidth > 700 && !small; // the card ends above the dock
+    find("#dh-card").style.maxHeight = wide ? `${find("#dh-dock").getBoundingClientRect().top - 2 * em}px` : "";
     dh.shift();
   }
   dh.pick = (finger, t = now()) => {
@@ -131,13 +133,23 @@
     viewer.set_dirty();
   }
 
+  function stuck() { // where planning got no further, with the finger that blocks
+    animator.pause();
+    animator.seek(data.stop.t);
+    const finger = data.tips.findIndex(({ name }) => name === data.stop.finger);
+    if (finger < 0) return;
+    dh.blocked(data.stop.finger);
+    dh.pick(finger);
+  }
+
   let shown = null, part = -1, playing = null, mixer = null, ended = false;
   function follow(stamp) {
     requestAnimationFrame(follow);
     pace(stamp);
     if (!dh.begun) { // what plays is seen from its start
       dh.begun = dh.ready && animator.actions.length > 0;
-      if (dh.begun) { animator.seek(0); animator.play(); } else if (animator.playing) animator.pause();
+      if (dh.begun && data.stop) stuck();
+      else if (dh.begun) { animator.seek(0); animator.play(); } else if (animator.playing) animator.pause();
     }
     if (mixer !== animator.mixer) {
       mixer = animator.mixer;
