@@ -45,9 +45,24 @@ def test_pages_ask_no_network_for_fonts(site):
     assert "fonts.googleapis" not in (site / "index.html").read_text()
 
 
+THEORY = (ROOT / "docs" / "theory.md").read_text()
+
+
 def test_what_the_theory_names_is_there():
-    for name in re.findall(r"`((?:[a-z_]+\.)+\w+)`", (ROOT / "docs" / "theory.md").read_text()):
+    names = re.findall(r"`((?:\w+\.)+\w+)`", THEORY)
+    assert "contact.kinematics.SubmodelKinematics.velocities" in names
+    for name in names:
         assert pkgutil.resolve_name(f"drake_hand.{name}") is not None
+
+
+@pytest.mark.parametrize(("word", "last"), [("Eq", 4), ("Fig", 16)])
+def test_the_theory_has_every_equation_and_figure(word, last):
+    """Of the paper; its first two figures are photographs."""
+    found = set()
+    for said in re.findall(rf"{word}s?\. ((?:\(?\d+\)?(?: to | and |, )?)+)", THEORY):
+        numbers = re.sub(r"(\d+) to (\d+)", lambda m: " ".join(map(str, range(int(m[1]), int(m[2]) + 1))), said)
+        found |= set(map(int, re.findall(r"\d+", numbers)))
+    assert found >= set(range(3 if word == "Fig" else 1, last + 1))
 
 
 def shown() -> list[str]:

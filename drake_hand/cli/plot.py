@@ -61,7 +61,9 @@ def plot(
         hand = Hand.load(subject.task.hand)
         files = draw_plan(subject, hand, output, formats=kinds)
         if gif:
-            write_gif(subject, Course.of(subject, hand, np.linspace(0, subject.duration, 200)), gif)
+            course = Course.of(subject, hand, np.linspace(0, subject.duration, 200))
+            with progress_display(quiet=False) as progress:
+                write_gif(subject, course, gif, progress=progress)
             files.append(gif)
         if replay:
             with naming(plan_or_run):

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle
+from PIL import Image
 
 from drake_hand.contact.chain import FingerKinematics
-from drake_hand.files import require_folder
+from drake_hand.files import require_folder, write_atomic
 from drake_hand.model.object import Object
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.progress import Progress
 from drake_hand.view.colors import finger_color
 from drake_hand.view.course import Course
 from drake_hand.view.style import column, in_print
 
 _EYE = np.array([0.75, 0.75, 0.25])
 """From where one looks, in W: out of the palm and from the thumb's side."""
+_FRAME_RATE, _DPI = 6, 130
 _TONES = np.array([[0.95, 0.87, 0.63], [0.80, 0.62, 0.30]])
 """Of the two halves of the object, so that one sees it turn."""
 
@@ -72,24 +78,35 @@ class Sketch:
         return np.vstack([m.vertices for m in self._meshes]) @ X_WO[:3, :3].T + X_WO[:3, 3]
 
 
-def write_gif(plan: Plan, course: Course, file: Path, *, seconds: float = 8.0, frames: int = 64) -> None:
-    """Writes a moving picture of a whole plan, which lasts `seconds`."""
-    from matplotlib.animation import FuncAnimation, PillowWriter
+def write_gif(
+    plan: Plan, course: Course, file: Path, *, progress: Callable[[Progress], None], seconds: float = 8.0
+) -> None:
+    """Writes a moving picture of a whole plan, which lasts `seconds`; whole or not at all.
 
+    Args:
+        plan: what to show.
+        course: the plan at any times.
+        file: the picture.
+        progress: called after every frame.
+        seconds: how long it takes to watch.
+    """
     require_folder(file)
+    sketch, images = Sketch(plan, course), []
+    times = np.linspace(0, plan.duration, round(_FRAME_RATE * seconds))
     with in_print():
         figure = column(70)
-        ax = figure.subplots()
-        sketch = Sketch(plan, course)
-
-        def draw(t: float) -> list:
+        figure.set_layout_engine("none")  # it would measure every frame
+        figure.set_dpi(_DPI)
+        ax = figure.add_axes((0.02, 0.02, 0.96, 0.88))
+        canvas = FigureCanvasAgg(figure)
+        for i, t in enumerate(times, start=1):
             ax.clear()
             sketch.draw(ax, t)
             mode = plan.parts[int(plan.at(t).part[0])].mode
             ax.set_title(f"{t:.1f} s   {mode}", loc="left", family="monospace")
-            return []
-
-        times = np.linspace(0, plan.duration, frames)
-        FuncAnimation(figure, draw, frames=times, blit=False).save(
-            file, PillowWriter(fps=round(frames / seconds)), dpi=150
-        )
+            canvas.draw()
+            images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()).quantize(64))
+            progress(Progress(stage="moving picture", fraction=i / len(times)))
+    out = BytesIO()
+    images[0].save(out, "gif", save_all=True, append_images=images[1:], duration=1000 / _FRAME_RATE, loop=0)
+    write_atomic(file, out.getvalue())

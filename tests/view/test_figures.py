@@ -7,6 +7,7 @@ import matplotlib.figure
 import matplotlib.image
 import numpy as np
 import pytest
+from PIL import Image
 
 from drake_hand import cli
 from drake_hand.errors import InputError
@@ -19,7 +20,7 @@ from drake_hand.view import figures, paper_figures
 from drake_hand.view.colors import SUBMODEL, finger_color
 from drake_hand.view.course import Course
 from drake_hand.view.replay_figures import draw_replay_errors
-from drake_hand.view.sketch import Sketch
+from drake_hand.view.sketch import Sketch, write_gif
 
 NAMES = [
     "fig11_automaton", "fig12_coordination", "fig13_states", "fig14_frames", "fig15_path", "fig16_velocity",
@@ -50,7 +51,23 @@ def test_formats_are_those_asked_for(sample_plan, tmp_path, capsys):
     written = {f.name for f in (tmp_path / "f").iterdir()}
     assert {"modes.svg", "modes.pdf"} <= written
     assert not any(name.endswith(".png") for name in written)
+    picture = Image.open(tmp_path / "a.gif")
+    assert picture.n_frames * picture.info["duration"] == pytest.approx(8000, rel=0.1)
     assert (tmp_path / "a.gif").stat().st_size < 2e6
+
+
+def test_an_interrupted_moving_picture_is_not_written(sample_plan, hand, tmp_path):
+    def interrupt(p):
+        seen.append(p.fraction)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    seen: list[float] = []
+    course = Course.of(sample_plan, hand, np.linspace(0, sample_plan.duration, 20))
+    with pytest.raises(KeyboardInterrupt):
+        write_gif(sample_plan, course, tmp_path / "a.gif", progress=interrupt)
+    assert 0 < seen[0] < seen[1] < 0.1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_timeline_has_a_bar_per_finger_and_part(sample_plan):
