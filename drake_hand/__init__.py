@@ -58,7 +58,7 @@ _HOME = {
     "simulate": "physics.runs",
     "solve": "api",
 }
-"""Public names, and the module below ``drake_hand`` that each stands in."""
+"""Public names, and the module below ``drake_hand`` in which each is defined."""
 
 __all__ = [
     "Automaton",

@@ -178,7 +178,7 @@ def show(
 def look(subject: Hand | Task | str | Path) -> Page:
     """A hand or a task before there is a plan, as one HTML page: a slider per joint, palm frame, reach of the tips.
 
-    Of a task also the object at its start, and each step's axis or way.
+    Of a task also the object at its start, and each step's axis or displacement.
 
     Args:
         subject: a hand, a task, or the bundled name or path of a task.

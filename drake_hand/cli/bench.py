@@ -1,4 +1,4 @@
-"""`drake-hand bench`: speed on this machine, each figure beside what a user would otherwise write, in one run."""
+"""`drake-hand bench`: speed on this machine, compared in one run with what a user would otherwise write."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNITS = {
     "plan_over_check": "planning time over checking time, full turn",
     "five_over_three": "planning time with five fingers over three, full turn, kinematic",
     "turns10_over_1": "planning time of ten turns over one",
-    "certificate_per_s": "samples of a full turn proved per second",
+    "certificate_per_s": "samples of a full turn certified per second",
     "certificate_vs_all_pairs": "times the rate of a certificate that asks Drake about every pair at every sample",
     "realtime_factor": "physics replay, times real time",
 }
@@ -47,7 +47,7 @@ def bench(
 ) -> None:
     """Measure speed on this machine: inverse kinematics, equilibrium, planning, physics.
 
-    What cannot be measured here (a package that is not installed, a plan that is not found) is left out and named.
+    A measurement that is impossible here (a package is not installed, a plan is not found) is left out and named.
 
     ```console
     $ drake-hand bench
@@ -55,7 +55,7 @@ def bench(
     ```
 
     Args:
-        runs: of every measurement; median, least and largest are reported.
+        runs: number of runs of every measurement; median, minimum and maximum are reported.
         seed: of random contacts and of the planner.
         json: print one JSON object on stdout.
     """

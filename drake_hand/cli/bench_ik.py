@@ -1,4 +1,4 @@
-"""How fast is the batched inverse kinematics, beside one Drake program or one Pinocchio loop per contact?"""
+"""How fast is the batched inverse kinematics, compared with one Drake program or one Pinocchio loop per contact?"""
 
 from __future__ import annotations
 

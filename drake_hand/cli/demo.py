@@ -42,14 +42,14 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
 
 
 def _steps(output: Path) -> Generator[tuple[str, Callable[[], int | None]], None, None]:
-    """What is done in turn; physics is worked out beside all that follows the plan."""
+    """What is done in turn; physics is computed in parallel to all that follows the plan."""
     from drake_hand.cli import drives_execute
     from drake_hand.cli.plot import plot
 
     file, run = output / "spin.plan.json", output / "spin.run.npz"
     yield "Plan a full turn of the pencil", lambda: plans.plan("spin", output=file, html=output / PAGE)
     with _beside("simulate", file, "--html", output / PHYSICS) as replay:
-        yield "Prove it again, from its file alone", lambda: plans.check(file)
+        yield "Certify it again, from its file alone", lambda: plans.check(file)
         yield (
             "Play it on simulated drives",
             lambda: drives_execute.execute(file, drives="kanguera", simulate=True, on_interrupt="off", log=run),
@@ -61,7 +61,7 @@ def _steps(output: Path) -> Generator[tuple[str, Callable[[], int | None]], None
 
 @contextmanager
 def _beside(*words: str | Path) -> Iterator[subprocess.Popen]:
-    """A command that runs beside others, in a process that gives way to them."""
+    """A command that runs in parallel to others, in a process of lower priority."""
     command = [sys.executable, "-c", "from drake_hand.cli import main; main()", *map(str, words)]
     process = subprocess.Popen(["nice", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:

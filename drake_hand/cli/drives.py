@@ -27,7 +27,7 @@ def scan(
 ) -> int:
     """List the nodes on the bus and compare them with a drives file.
 
-    Reads only. Exit status: 0 all as in the file (or, without one, somebody answered), 1 not, 2 wrong input.
+    Reads only. Exit status: 0 all as in the file (or, without one, somebody answered), 1 not, 2 invalid input.
 
     Args:
         drives: a bundled name or a drives file to compare with; its bus is scanned.
@@ -58,7 +58,7 @@ def scan(
 def status(*, drives: str, interface: str | None = None, channel: str | None = None, json: bool = False) -> int:
     """Show the state of each drive: status word and stored errors in words, position in degrees.
 
-    Reads only. Exit status: 0 all answer and none is in fault, 1 not, 2 wrong input.
+    Reads only. Exit status: 0 all answer and none is in fault, 1 not, 2 invalid input.
 
     Args:
         drives: a bundled name or a drives file.

@@ -63,10 +63,10 @@ def execute(
 ) -> int:
     """Play a plan on motor drives, real or simulated.
 
-    The plan is proved again, and everything is checked, before any drive is enabled. Ctrl-C halts a hand that holds
-    the object, and it goes on holding; the next one, or the first where it holds nothing, stops it; one more takes the
-    power off at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a
-    drive, 2 wrong input, 130 stopped by Ctrl-C and every drive disabled.
+    The plan is certified again, and everything is checked, before any drive is enabled. Ctrl-C halts a hand that holds
+    the object, and it keeps holding; a second Ctrl-C, or the first if nothing is held, stops the run; one more removes
+    the power at once. Exit status: 0 played and every drive disabled, 1 stopped or refused by a drive, 2 invalid input,
+    130 stopped by Ctrl-C and every drive disabled.
 
     ```console
     $ drake-hand execute spin.plan.json --drives kanguera --simulate
@@ -84,30 +84,30 @@ def execute(
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
         simulate: play on simulated drives in a child process, on a bus of their own.
-        physics: with --simulate: their motors move the hand in Drake's physics, the object free; slower than real time.
-            With --log, object pose and contact forces go into a .physics.npz beside it.
-        feedback: where poses of the object come from, by which the motion is corrected: udp:[HOST:]PORT, a recording,
-            MODULE:FUNCTION, or, with --physics, simulated. A line is one look, in the wrist frame:
+        physics: with --simulate: their motors move hand and object in Drake's physics, slower than real time.
+            With --log, object pose and contact forces go into a .physics.npz file next to the record.
+        feedback: source of measured object poses that correct the motion: udp:[HOST:]PORT, a recording,
+            MODULE:FUNCTION, or, with --physics, simulated. Each line is one measurement, in the wrist frame:
             {"xyz_mm": [..], "quaternion_wxyz": [..], "age_ms": 12}.
         speed: share of the planned speed.
-        fingers: play only these; the drives of the others are left alone, where they are.
+        fingers: play only these; the drives of the others are left alone.
         to_part: end after this part, counted from 0 as `check` and `show` do.
-        step: hold at every switch, until Enter.
-        pause: `grasp` holds just off the contacts, for the object to be handed over, and again once all fingers press;
-            a hand that takes the object from a table needs none.
+        step: hold at every mode switch until Enter is pressed.
+        pause: `grasp` holds just before contact, to hand the object over, and again once all fingers press; a hand that
+            takes the object from a table needs none.
         go_after: seconds after which a pause ends by itself.
-        twin: a hand in physics follows the measured joints; its page, and where it differs from what the drives show,
-            are told on stderr.
-        empty: play without the object; what the fingers press is not judged.
+        twin: a hand in physics follows the measured joints; the address of its page, and where it differs from the
+            drives, are reported on stderr.
+        empty: play without the object; contact forces are not monitored.
         from_here: first move, slowly, from where the hand is to the plan's start, along a certified path.
-        open: with --from-here: also from where the fingers may hold the object, which falls.
-        on_interrupt: what the first Ctrl-C does while the fingers touch the object: halt and `hold`, or stop (`off`).
-        yes: give power without asking.
-        trust: rely on the certificate in the file; for a computer without Drake.
+        open: with --from-here: even if the fingers may hold the object, which then falls.
+        on_interrupt: effect of the first Ctrl-C while the fingers touch the object: halt and `hold`, or stop (`off`).
+        yes: power the drives without asking.
+        trust: trust the certificate in the file; for a computer without Drake.
         dry_run: say what would be played and how it loads the bus; open no bus, send nothing.
         frames: with --dry-run: also every frame and when it is sent.
-        reset_faults: reset the drives that are in fault and end there: nothing is enabled, nothing moves.
-        log: write the record of the run there (.run.npz; for plot and mirror).
+        reset_faults: reset the drives that are in fault, and exit: nothing is enabled, nothing moves.
+        log: file for the record of the run (.run.npz; for plot and mirror).
         json: print one JSON object on stdout.
     """
     found, hand = Plan.load(plan), Drives.load(drives)
@@ -149,7 +149,7 @@ def execute(
             go_after=go_after,
         )
         if trust:
-            say("warning: the plan is not proved again; what is in the file is relied on")
+            say("warning: the plan is not certified again; the certificate in the file is trusted")
         try:
             with progress_display(quiet=json or bool(words)) as progress:
                 if from_here:
@@ -225,7 +225,7 @@ def _summary(plan: Plan, schedule: Schedule, excerpt: Excerpt) -> str:
         words.append(f"{len(excerpt.pauses_s)} pauses")
     missing = [j for j in plan.joints if j not in drives.joints]
     if missing:
-        words.append(f"NOT played: {', '.join(missing)}; whether the fingers stay clear of these was not proved")
+        words.append(f"NOT played: {', '.join(missing)}; whether the fingers stay clear of these was not certified")
     return "; ".join(words)
 
 

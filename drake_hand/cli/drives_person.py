@@ -88,5 +88,5 @@ class Terminal(Person):
 
 
 def say(text: str, end: str = "\n") -> None:
-    """Says something to the person, beside what the command answers on stdout."""
+    """Says something to the person on stderr; the answer of the command goes to stdout."""
     print(text, end=end, file=sys.stderr, flush=True)

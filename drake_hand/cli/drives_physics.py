@@ -59,7 +59,7 @@ class PhysicsSetup(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_o
 
 
 class Mishap(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """What happens to the hand, or in it, beside the drives: a line of JSON, like their faults."""
+    """What happens to the hand, or in it, apart from the drives: a line of JSON, like their faults."""
 
     kind: MishapKind
     joint: str = ""

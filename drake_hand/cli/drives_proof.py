@@ -15,15 +15,17 @@ _CHILD = "import sys; from drake_hand.cli import run; sys.exit(run(['check', sys
 def prove(plan: Path) -> list[str]:
     """Proves a plan file again; why it may not be played, one line each, empty when it holds."""
     if importlib.util.find_spec("pydrake") is None:
-        return ["the plan cannot be proved again: there is no Drake here (--trust relies on the file as it is)"]
+        return [
+            "the plan cannot be certified again: Drake is not installed (--trust relies on the certificate in the file)"
+        ]
     child = subprocess.run([sys.executable, "-c", _CHILD, str(plan)], capture_output=True, text=True)
     try:
         answer = msgspec.json.decode(child.stdout)
         holds = answer.get("certified") is True
     except (msgspec.DecodeError, AttributeError):
         last = (child.stderr.strip().splitlines() or ["no answer"])[-1]
-        return [f"the plan could not be proved again: {last}"]
+        return [f"the plan could not be certified again: {last}"]
     if holds and child.returncode == 0:
         return []
     said = answer.get("failures") or [answer.get("reason", f"exit status {child.returncode}")]
-    return ["proved again, the plan is not certified: " + "; ".join(map(str, said))]
+    return ["checked again, the plan is not certified: " + "; ".join(map(str, said))]

@@ -1,4 +1,4 @@
-"""``drake-hand drives off``, ``home`` and ``goto``: the way out after a kill, a stop or a fault, and back."""
+"""``drake-hand drives off``, ``home`` and ``goto``: recovery after a kill, a stop or a fault."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from drake_hand.plans.plan import Plan
 def off(*, drives: str, interface: str | None = None, channel: str | None = None, json: bool = False) -> int:
     """Remove power from every drive, whatever its state, and read it back.
 
-    Works after a kill, a stop, a fault, or half a configuration; faults are reset, nothing is enabled. The hand lets
-    go of what it holds. Exit status: 0 every drive was read back as off, 1 not: cut the supply, 2 wrong input.
+    Works after a kill, a stop, a fault, or an incomplete configuration; faults are reset, nothing is enabled. The hand
+    drops what it holds. Exit status: 0 every drive was read back as off, 1 not: cut the supply, 2 invalid input.
 
     ```console
     $ drake-hand drives off --drives my.drives.yaml
@@ -58,7 +58,7 @@ def home(
 ) -> int:
     """Bring the hand home from where it is, slowly, along a path that is certified collision-free.
 
-    What the hand holds falls. Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input,
+    The hand drops what it holds. Exit status: 0 it is there, with every drive disabled, 1 not, 2 invalid input,
     130 interrupted.
 
     ```console
@@ -70,7 +70,7 @@ def home(
         hand: a bundled name or a hand file.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
-        yes: give power without asking.
+        yes: power the drives without asking.
         json: print one JSON object on stdout.
     """
     found = Drives.load(drives)
@@ -89,9 +89,9 @@ def goto(
     yes: bool = False,
     json: bool = False,
 ) -> int:
-    """Bring the hand to where a plan starts, slowly, clear of the object that stands there.
+    """Bring the hand to where a plan starts, slowly, and clear of the object there.
 
-    Exit status: 0 it is there and every drive disabled, 1 not, 2 wrong input, 130 interrupted.
+    Exit status: 0 it is there, with every drive disabled, 1 not, 2 invalid input, 130 interrupted.
 
     ```console
     $ drake-hand drives goto spin.plan.json --drives my.drives.yaml
@@ -102,8 +102,8 @@ def goto(
         drives: a bundled name (kanguera) or a drives file.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
-        open: also from where the fingers may hold the object, which falls.
-        yes: give power without asking.
+        open: even if the fingers may hold the object, which then falls.
+        yes: power the drives without asking.
         json: print one JSON object on stdout.
     """
     found, task = Drives.load(drives), Plan.load(plan).task

@@ -46,9 +46,9 @@ def simulate(
         drives: a bundled name (kanguera) or a drives file.
         interface: python-can interface.
         channel: its channel; of udp_multicast 239.74.163.2:43113 unless given.
-        at: plan whose first point the motors start at; without it they start at encoder count 0.
-        no_zero: switched on just now: the encoders count from where they are, until `drives zero`.
-        log: writes the timeline of status words and positions there (JSON lines).
+        at: plan at whose first point the motors start; without it, they start at encoder count 0.
+        no_zero: as if just switched on: the encoders count from where they are, until `drives zero`.
+        log: file for the timeline of status words and positions (JSON lines).
         faults: schedule of faults (YAML).
         settings: JSON file that keeps the parameters stored in the drives, across restarts.
         seed: of everything random.
@@ -71,7 +71,7 @@ def simulate(
 
 
 def _first(plan: Path | None, drives: Drives) -> np.ndarray | None:
-    """(n,) first way-point of a plan, with its offset, as commanded."""
+    """(n,) first waypoint of a plan, with its offset, as commanded."""
     if plan is None:
         return None
     found = Plan.load(plan)

@@ -27,7 +27,7 @@ from drake_hand.plans.trajectory import Trajectory
 from drake_hand.plans.whereabouts import Whereabouts
 
 BOUND_NM = 0.045
-"""Difference between a finger's drives and the twin's that is told: half of what one joint can do."""
+"""Difference between a finger's drives and the twin's that is reported: half of what one joint can do."""
 BOUND_S = 0.3
 """Time over which it is averaged."""
 FAR_MM = 10.0
@@ -100,7 +100,7 @@ def _child() -> None:
 
 
 class Twin:
-    """A hand in physics, told where the motors of another are. Contacts are points, so that it keeps up.
+    """A hand in physics that follows the motors of another. Contacts are points, so that it keeps up.
 
     Args:
         plan: what is played.

@@ -25,7 +25,7 @@ from drake_hand.plans.task import Pose, Release, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 
 SPEED = 0.3
-"""Of what the hand may do: nobody has seen this way before."""
+"""Of what the hand may do: nobody has seen this path before."""
 _CHILD = "from drake_hand.cli.drives_way import answer_wish; answer_wish()"
 _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
@@ -35,7 +35,7 @@ class Wish(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 
     hand: str
     start: dict[str, float]
-    """Joints, rad; what is not told is taken to be where it should get."""
+    """Joints, rad; joints that do not report are assumed to be at their goal."""
     plan: str | None
     """To the start of this plan; home if not given."""
     object_there: bool
@@ -92,11 +92,11 @@ def come(
         object_there: whether the plan's object stands where the plan starts.
         open_: whether the fingers may open where they may hold the plan's object.
         power: whether to ask before power is given.
-        progress: told how far it is.
+        progress: called with how far it is.
 
     Raises:
         Refused: the hand may hold an object, or a drive does not tell where it is.
-        NoPlanFound: there is no way.
+        NoPlanFound: there is no path.
     """
     with Master(bus) as master:
         found, silent = discovery.conditions(master, drives.drives)

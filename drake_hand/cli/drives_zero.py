@@ -31,7 +31,7 @@ def zero(
 
     On their mechanical stops at limited current, one joint after the other, each finger from its base, little finger
     first: no object may be in the hand. Or by hand: put the hand into a posture, and say which.
-    Exit status: 0 every zero is known and every drive off, 1 not, 2 wrong input.
+    Exit status: 0 every zero is known and every drive off, 1 not, 2 invalid input.
 
     ```console
     $ drake-hand drives zero --drives my.drives.yaml
@@ -44,7 +44,7 @@ def zero(
         by_hand: the posture the hand was put into: every joint at 0 deg, or home; nothing turns.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
-        yes: give power without asking.
+        yes: power the drives without asking.
         json: print one JSON object on stdout.
     """
     found, model = Drives.load(drives), Hand.load(hand)

@@ -26,7 +26,7 @@ def export(
     """Export a certified plan for other controllers: joint names, times, commands (offsets included), rates.
 
     `ros2` is a trajectory_msgs/JointTrajectory in YAML; `mujoco` is a model of hand and object, with the controls
-    beside it (.npz). Exit status: 0 written, 2 wrong input or not certified.
+    in a .npz file next to it. Exit status: 0 written, 2 invalid input or not certified.
 
     ```console
     $ drake-hand export spin.plan.json --format csv -o spin.csv

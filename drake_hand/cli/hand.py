@@ -30,9 +30,9 @@ def check(hand: str, /, *, png: Path | None = None, html: Path | None = None, js
     ```
 
     Args:
-        hand: a bundled name, a hand file, or a URDF, in which fingers are then looked for.
-        png: also draw the hand: where its palm faces, the order of its fingers, tip spheres, how far joints go.
-        html: the same as a page in which it can be turned and moved, with what deserves a look beside it.
+        hand: a bundled name, a hand file, or a URDF, in which the fingers are then detected.
+        png: also draw the hand: palm direction, order of the fingers, tip spheres, joint ranges.
+        html: the same as a page in which it can be turned and moved, with what deserves a look.
         json: print one JSON object on stdout.
     """
     for picture in (png, html):

@@ -1,4 +1,4 @@
-"""``drake-hand mirror``: both hands live in the browser, beside the bus or from the record of a run."""
+"""``drake-hand mirror``: both hands live in the browser, from the bus or from the record of a run."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def mirror(
     port: int | None = None,
     open: bool = False,
 ) -> int:
-    """Show the hand as measured (solid) and as commanded (ghost), live, until Ctrl-C; every joint's numbers beside it.
+    """Show the hand as measured (solid) and as commanded (ghost), live, until Ctrl-C, with the numbers of every joint.
 
     Links turn red as their joint's error grows.
 
-    It listens on the bus beside `execute` and never sends a frame. Given the record of a run, it replays that instead,
+    It listens on the bus while `execute` plays and never sends a frame. Given the record of a run, it replays that,
     over and over.
 
     ```console
@@ -59,11 +59,11 @@ def mirror(
         run: record of a run (.run.npz), instead of a bus.
         drives: a bundled name (kanguera) or a drives file.
         hand: a bundled name or a hand file.
-        plan: what is played: its object is shown where the plan has it, and time and part are told.
+        plan: what is played: its object is shown where the plan has it, with time and part.
         interface: python-can interface, instead of the drives file's.
         channel: its channel.
-        host: address to serve the page on; only this computer can see it unless given.
-        port: its port; any that is free unless given.
+        host: address to serve the page on; by default, only this computer can see it.
+        port: its port; by default, any free one.
         open: open the page in the browser here.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -120,7 +120,7 @@ def mesh(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
 def _reporting(
     poses: Iterator[HandPose], joints: tuple[str, ...], where: Whereabouts | None
 ) -> Iterator[tuple[HandPose, str]]:
-    """Passes poses on with what they show in words, which a terminal is told a few times a second."""
+    """Passes poses on with what they show in words, printed to a terminal a few times a second."""
     console, begun, words = Console(file=sys.stderr), None, "listening"
     with console.status(words) as status:
         said = -np.inf

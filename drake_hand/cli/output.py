@@ -55,7 +55,7 @@ def report_error(e: DrakeHandError, as_json: bool) -> int:
 
 
 def error_answer(e: DrakeHandError) -> dict[str, Any]:
-    """The JSON object of an error: ``status`` and ``reason``, and what the error knows beside them."""
+    """The JSON object of an error: ``status`` and ``reason``, and whatever else the error knows."""
     if isinstance(e, NoPlanFound):
         return {"status": e.status, "reason": e.reason, "evidence": e.evidence}
     if isinstance(e, InputError):

@@ -35,7 +35,7 @@ def plan(
     """Find a certified plan for a task.
 
     Exit status: 0 certified, 1 no plan (names the mode, finger, constraint and pose that blocked), 2 invalid input.
-    Where there is no plan, what was found of it is written to TASK.partial.plan.json, not certified: to look at.
+    If there is no plan, the part that was found is written to TASK.partial.plan.json, not certified, for inspection.
 
     ```console
     $ drake-hand plan spin -o spin.plan.json --html spin.html
@@ -45,7 +45,7 @@ def plan(
     Args:
         task: a bundled name (spin, paper, twirl, carry) or a task file.
         output: the plan file; TASK.plan.json here if not given.
-        html: also write a standalone page that shows the plan, or what blocked it.
+        html: also write a standalone page that shows the plan, or why there is none.
         seed: overrides the task's.
         time_limit: in seconds; overrides the task's.
         everything: print every part and every figure of the certificate.
@@ -94,7 +94,7 @@ def plan(
 
 
 def _keep(unfinished: Plan, output: Path) -> None:
-    """Writes what was found of a plan beside where the plan would be, and says so."""
+    """Writes the partial plan next to where the plan would be, and says so."""
     file = output.with_name(output.name.removesuffix(".json").removesuffix(".plan") + ".partial.plan.json")
     unfinished.save(file)
     print(f"wrote {file}: not certified, as far as planning got", file=sys.stderr)
@@ -138,7 +138,7 @@ def _times(result: PlanResult) -> str:
     stages = {name: s for name, s in result.stages_s.items() if name != "certificate"}
     stages["other"] = result.plan_s - sum(stages.values())
     times = ", ".join(f"{name} {s:.2f}" for name, s in stages.items())
-    return f"planned in {result.plan_s:.2f} s ({times}), then proved in {result.stages_s['certificate']:.2f} s"
+    return f"planned in {result.plan_s:.2f} s ({times}), then certified in {result.stages_s['certificate']:.2f} s"
 
 
 def _edited(subject: Plan, file: Path) -> InputError | None:
@@ -151,7 +151,7 @@ def _edited(subject: Plan, file: Path) -> InputError | None:
             file=file,
             key="certificate.digest",
             found=subject.certificate.digest,
-            expected=f"{subject.certificate.sealed().digest} (the digest of what it says now)",
+            expected=f"{subject.certificate.sealed().digest} (the digest of its present content)",
         )
     if subject.certificate.plan_hash == subject.hash:
         return None
@@ -160,5 +160,5 @@ def _edited(subject: Plan, file: Path) -> InputError | None:
         file=file,
         key="certificate.plan_hash",
         found=subject.certificate.plan_hash,
-        expected=f"{subject.hash} (the hash of what the file holds now)",
+        expected=f"{subject.hash} (the hash of its present content)",
     )

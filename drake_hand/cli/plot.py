@@ -37,9 +37,9 @@ def plot(
     Args:
         plan_or_run: the plan file, or the record of a run of `execute`.
         output: the folder for the files.
-        formats: svg, pdf and png, with commas between.
-        gif: also write the plan as a moving picture.
-        replay: also replay the plan in physics, and draw how far the object is off over time, in both engines.
+        formats: of svg, pdf and png, separated by commas.
+        gif: also write the plan as an animation.
+        replay: also replay the plan in physics, and draw the error of the object over time, in both engines.
     """
     import numpy as np
 

@@ -16,7 +16,7 @@ from drake_hand.plans.task import SUFFIX, Task
 def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
     """Watch a plan in the browser, or look at a task before there is a plan.
 
-    A plan plays, pauses and scrubs, with the mode and its timeline beside the hand; press ? in the page for its keys.
+    A plan plays, pauses and scrubs, with the mode and its timeline; press ? in the page for its keys.
     A task shows the object at its start pose, the axis or path of each step, and the reach of the fingertips.
 
     ```console

@@ -89,7 +89,7 @@ def simulate(
                     )
                 )
         except Interrupted as e:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was finished is told undisturbed
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was finished is reported undisturbed
             stopped = e
             results += [e.replay] if e.replay else []
     if json:

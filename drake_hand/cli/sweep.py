@@ -1,4 +1,4 @@
-"""`drake-hand sweep`: a grid of tasks planned, proved and replayed, on all cores or a cluster."""
+"""`drake-hand sweep`: a grid of tasks planned, certified and replayed, on all cores or a cluster."""
 
 from __future__ import annotations
 

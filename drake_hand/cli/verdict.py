@@ -18,7 +18,9 @@ def print_plan(subject: Plan, *, regrasps: int, everything: bool) -> None:
     from drake_hand.plans.words import mode_strip, plan_verdict
 
     print(plan_verdict(subject, Hand.load(subject.task.hand)))
-    print(f"{len(subject.parts)} parts, {regrasps} regrasps, {subject.duration:.1f} s of motion\n")
+    print(
+        f"{len(subject.parts)} parts, {regrasps} regrasp{'s' * (regrasps != 1)}, {subject.duration:.1f} s of motion\n"
+    )
     print("\n".join(mode_strip(subject)), "  . free  = rolling  ~ sliding", sep="\n")
     if everything:
         print_table(

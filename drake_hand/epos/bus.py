@@ -37,7 +37,7 @@ class BusSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     heartbeat_ms: _Milliseconds = 100
     """Producer time, of the master and of each drive."""
     heartbeat_consumer_ms: _Milliseconds = 250
-    """A heartbeat not heard for so long is lost, both ways."""
+    """A heartbeat not heard for so long is lost, in both directions."""
 
     def arguments(self, interface: str | None = None, channel: str | None = None) -> dict[str, Any]:
         """Arguments of `can.Bus` for this bus, or for another interface or channel.

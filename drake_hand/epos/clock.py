@@ -24,7 +24,7 @@ class Clock(Protocol):
     """What a master reads, s."""
 
     real: bool
-    """Whether it goes on by itself, so that a bus thread has to keep up with it."""
+    """Whether it runs by itself, so that a bus thread has to keep up with it."""
     hangs_s: float
     """Seconds of the computer's time without a SYNC after which the bus is given up."""
 
@@ -128,12 +128,12 @@ class SharedClock:
         self._put(_PLAN_TIME, plan_time)
 
     def tells_of(self, plan: str) -> bool:
-        """Whether what was told last is about this plan, by its hash."""
+        """Whether the last message is about this plan, by its hash."""
         return struct.unpack_from("8s", self._map, _PLAN)[0] == plan[:8].encode()
 
     @property
     def plan_time(self) -> float:
-        """What was told last."""
+        """The last message."""
         return self._get(_PLAN_TIME)
 
     def _get(self, at: int) -> float:

@@ -22,7 +22,7 @@ class Steps(Protocol):
 class Corrected:
     """Adds corrections to a schedule's rows before they are sent; in the bus thread.
 
-    A row is corrected as many steps before it is played as the drives' queues are long. The correction is told the time
+    A row is corrected as many steps before it is played as the drives' queues are long. The correction gets the time
     at which the row will be played and when a look was taken, and so knows what was commanded in between.
 
     Args:

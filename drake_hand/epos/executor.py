@@ -163,7 +163,7 @@ def execute(
             )
             run = _play(master, plan, player, str(bus.channel_info), person, hold, progress, off)
         finally:
-            # a drive that was not read back goes on watching the master, and stops when that leaves
+            # a drive that was not read back keeps watching the master, and stops when that leaves
             release_heartbeat(master, off)
     if log:
         run.record.save(log)

@@ -1,4 +1,4 @@
-"""`Mirror`: listens to the bus and decodes what the drives are told and where they are; never sends a frame.
+"""`Mirror`: listens to the bus and decodes the commands and positions of the drives; never sends a frame.
 
 It understands the PDO convention of `pdo` alone: targets and PVT records are commanded positions, TPDO1 is the measured
 one. What was on the bus before it came it cannot know: joints are NaN until they are heard of, and a PVT motion it
@@ -52,7 +52,7 @@ class HandPose:
 
 
 class _Listener:
-    """What one drive is told and says, in counts.
+    """Command and feedback of one drive, in counts.
 
     Args:
         drive: which.

@@ -34,7 +34,7 @@ _STILL = 1e-5
 
 
 class _Server:
-    """meshcat's bridge to the browser, in a thread; stands in for the window of a `meshcat.Visualizer`.
+    """meshcat's bridge to the browser, in a thread; takes the place of the window of a `meshcat.Visualizer`.
 
     Args:
         host: address it listens on, and no other.
@@ -195,7 +195,7 @@ class _HandModel:
             self.show(link, X_WL)
 
     def move(self, q: np.ndarray) -> dict[str, np.ndarray]:
-        """Moves to joint positions (n,) [rad], NaN leaving a joint as it is; poses (4, 4) of the links that moved."""
+        """Moves to joint positions (n,) [rad], NaN leaves a joint where it is; poses (4, 4) of links that moved."""
         known = np.isfinite(q)
         self._q[np.array(self._columns)[known]] = q[known]
         self._urdf.update_cfg(self._q)

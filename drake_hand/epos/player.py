@@ -66,7 +66,7 @@ class Player:
     Args:
         schedule: the motion.
         send: puts a frame on the bus (COB-ID, data); may raise can.CanError.
-        tell: told the plan time of each SYNC once the motion has begun.
+        tell: called with the plan time of each SYNC once the motion has begun.
         grip: judges what the fingers press, where an object is in the hand.
         corrected: changes the schedule's rows to come by where the object is seen.
     """
@@ -345,7 +345,7 @@ class Player:
                 raise _Stop("skew", f"the drives began to play {self.start_skew} SYNCs apart")
 
     def _pause(self) -> Iterator[None]:
-        """Holds, enabled, until told to go on."""
+        """Holds, enabled, until asked to continue."""
         for i in range(len(self.axes)):
             self._command(i, Control.ENABLE)  # bit 4 falls, so that it may rise again
         self._go_on.clear()

@@ -74,7 +74,7 @@ def plan_problems(plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE) -> tuple
         problems.append("the plan was edited after it was certified: its hash is not that of the certificate")
         wrong_input = True
     elif not plan.certificate.intact:
-        problems.append("the certificate was edited: its digest is not that of what it says")
+        problems.append("the certificate was edited: its digest does not match its content")
         wrong_input = True
     elif not plan.certificate.certified:
         problems.append("the plan is not certified: " + "; ".join(plan.certificate.failures))

@@ -97,7 +97,7 @@ class PvtBackend:
     def low(self, j: int, axis: AxisState) -> bool:
         """Few records queued, and fewer than the motion still needs by the drive's own clock.
 
-        Records under way do not count: they may not arrive.
+        Records in transit do not count: they may not arrive.
         """
         played = (j - self._first) // self._every
         ahead = int(CLOCK_TOLERANCE * played)

@@ -31,7 +31,7 @@ class Excerpt:
     end_s: float | None = None
     """Plan time at which to end, at rest; the plan's own end by default."""
     pauses_s: tuple[float, ...] = ()
-    """Plan times, at rest, at which to hold until told to go on."""
+    """Plan times, at rest, at which to hold until asked to continue."""
 
 
 WHOLE = Excerpt()
@@ -39,7 +39,7 @@ WHOLE = Excerpt()
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """What the drives are told at each of k steps of the SYNC period. Arrays over drives are in the file's order."""
+    """Commands to the drives at each of k steps of the SYNC period. Arrays over drives are in the file's order."""
 
     drives: Drives
     lead: int
@@ -117,7 +117,7 @@ class Schedule:
     def violations(self) -> list[str]:
         """What asks more of a motor than its drive may give: joint, node, amount, time and limit; one each at most.
 
-        Speed is the larger of the commanded one and of the way made in a period less one count (a jump shows there);
+        Speed is the larger of the commanded one and of the distance per period less one count (a jump shows there);
         acceleration is the change of speed over a period, or that of the cubic between PVT records, whole counts and
         all, as an EPOS2 computes it.
         """

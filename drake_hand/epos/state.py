@@ -27,7 +27,7 @@ class DriveState(Enum):
 
     @property
     def faulty(self) -> bool:
-        """Whether it is in fault or on the way there."""
+        """Whether it is in fault or about to be."""
         return self in (DriveState.FAULT, DriveState.FAULT_REACTION)
 
 

@@ -63,7 +63,7 @@ def on_stops(
     Args:
         master: on their bus.
         drives: which; each has a stop and shares no cables.
-        order: of the joints: such that none meets another on its way, as far as can be known.
+        order: of the joints: such that none collides with another as it turns, as far as is known.
         limits: of each joint, rad: it may turn little further than from one to the other.
 
     Raises:

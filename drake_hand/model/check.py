@@ -46,7 +46,7 @@ class HandReport:
     remarks: tuple[str, ...]
     """What deserves a look."""
     problems: tuple[str, ...]
-    """What stands in the way of planning."""
+    """What prevents planning."""
 
 
 def load_hand(ref: str | Path) -> tuple[Hand, list[str]]:

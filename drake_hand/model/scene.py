@@ -1,4 +1,4 @@
-"""`Scene`: a hand, an object and SceneGraph in one Drake diagram, and the questions asked of it."""
+"""`Scene`: a hand, an object and SceneGraph in one Drake diagram, and queries to them."""
 
 from __future__ import annotations
 

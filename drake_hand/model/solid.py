@@ -251,7 +251,7 @@ def _beyond(points: np.ndarray, hull: trimesh.Trimesh) -> float:
 
 
 def _error(mesh: trimesh.Trimesh, hulls: list[trimesh.Trimesh]) -> float:
-    """Largest distance between the surface of a mesh and that of the union of convex pieces, m, both ways."""
+    """Largest distance between the surface of a mesh and that of the union of convex pieces, m, in both directions."""
     import trimesh
 
     union = trimesh.util.concatenate(hulls)

@@ -26,7 +26,7 @@ class Mode:
         Args:
             code: a digit 0 (free), 1 (rolling) or 2 (sliding) per finger.
             fingers: names of the hand's fingers, in its order.
-            key: where the code stands in a file, for the error.
+            key: of the code in its file, for the error.
 
         Raises:
             InputError: wrong length or a wrong digit.

@@ -1,4 +1,4 @@
-"""`Corridor`: where the object may be beside a nominal pose, as bounds on its variables in a mathematical program."""
+"""`PoseRegion`: how far the object may be from a nominal pose, as bounds on its variables in a mathematical program."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ MOST_FINGERS = 6
 SPACING = 0.46
 """Between neighbours on a ring, inches."""
 RING_GAP = 1.05
-"""Between rings at least, inches: room for the edges to be told apart."""
+"""Between rings at least, inches: room to tell the edges apart."""
 MARGIN, HEADER = 0.7, 0.8
 """Around the rings and above them, inches."""
 FILLS = ("#ffffff", "#b5d6f2", "#f9d9a8")

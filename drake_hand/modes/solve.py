@@ -1,4 +1,4 @@
-"""Solving a mode's inverse kinematics, and saying which finger, constraint and amount stand in the way."""
+"""Solving a mode's inverse kinematics, and saying which finger and constraint block, and by how much."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_hand.modes.corridor import CORRIDOR_POSITION, CORRIDOR_ROTATION
 from drake_hand.modes.situation import object_of
 
 TOLERANCE = 1e-5
-"""A constraint is kept that is violated by no more than this, m or rad."""
+"""A constraint violated by at most this counts as kept, m or rad."""
 AT_LIMIT = 1e-3
 """A joint is said to be at its limit within this, rad or m."""
 
@@ -65,7 +65,7 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
     """Solves the inverse kinematics of a mode with SNOPT, from the program's guess.
 
     Raises:
-        Infeasible: no configuration near the guess keeps all constraints. What stands in the way is told where each
+        Infeasible: no configuration near the guess keeps all constraints. What blocks is reported where each
             finger reaches for its contact on its own: a contact out of reach, or what would then be too near.
     """
     options = SolverOptions()

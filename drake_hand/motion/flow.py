@@ -14,12 +14,12 @@ from drake_hand.motion.curve import linear
 from drake_hand.plans.path import Leg
 
 ROUNDED = 2.5e-4
-"""How far a fingertip may leave its way where corners of it are rounded, m: less than what ways are clear by."""
+"""How far a fingertip may leave its path where corners are rounded, m: less than the clearance of paths."""
 _WIDEST = np.radians(8.0)
 """Way of the joints over which a corner is rounded at most."""
 _HALVINGS = 6
 _KNOTS = 4
-"""Per piece of the rounded way."""
+"""Per piece of the rounded path."""
 
 
 def flowing(legs: list[Leg], hand: Hand) -> list[Leg]:
@@ -66,7 +66,7 @@ def _together(dwells: list[Leg]) -> list[Leg]:
 
 
 def _joined(legs: list[Leg], hand: Hand) -> Leg:
-    """One leg along the joints of several, rounded as widely as fingertips may leave their way."""
+    """One leg along the joints of several, rounded as widely as fingertips may leave their path."""
     q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     width = _WIDEST

@@ -1,4 +1,4 @@
-"""`Inertia`: what contacts press, beside what balances the weight, so that the object moves as a leg has it move."""
+"""`Inertia`: contact forces, in addition to those that balance the weight, that make the object move as in a leg."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OWN_N = 0.05
 """Force that the inertia of a finger itself may take from what it presses, N: it is not made up for. A quarter of what
 the certificate lets forces be off."""
 _LEAST_PRESS = 0.05
-"""N with which every contact goes on pressing."""
+"""N with which every contact keeps pressing."""
 _SAMPLES = 61
 
 

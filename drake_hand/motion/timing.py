@@ -44,7 +44,7 @@ def time_path(path: Path) -> Plan:
 
     ``timing: parabolic`` is linear with parabolic blends: one second a part, shared by its legs as they need it,
     longer where limits ask for it. ``timing: optimal`` is Drake's Toppra, leg by leg; where that gives no answer the
-    leg is parabolic, as quick as it may be. ``timing: fast`` is the same for free fingers, on ways that do not stop at
+    leg is parabolic, as quick as it may be. ``timing: fast`` is the same for free fingers, on paths that do not stop at
     corners; the object is carried on a smooth law, as fast as friction and the fingers' own inertia allow, and forces
     move it besides holding it. Consecutive legs of one mode without events become one part.
 

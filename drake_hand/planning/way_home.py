@@ -41,7 +41,7 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
     builder = LegBuilder(hand, q, X_WO)
     legs = ways(clearance, q, {i: goal[f.columns] for i, f in enumerate(hand.fingers)}, X_WO)
     if legs is None:
-        raise no_plan("no finger order gives a way", mode=code(hand, ()), constraint="collision", X_WO=X_WO)
+        raise no_plan("no order of the fingers gives a path", mode=code(hand, ()), constraint="collision", X_WO=X_WO)
     for pieces in legs:
         builder.move(pieces)
     if not legs:

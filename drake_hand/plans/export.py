@@ -31,7 +31,7 @@ class Samples:
     q: np.ndarray
     """(k, nq) where the joints are to be, rad."""
     command: np.ndarray
-    """(k, nq) what their servos are told, q and the offset that makes them press, rad."""
+    """(k, nq) commands of their servos, q and the offset that makes them press, rad."""
     rate: np.ndarray
     """(k, nq) of the command, rad/s; zero at both ends."""
     X_WO: np.ndarray

@@ -23,7 +23,7 @@ class Leg:
 
     mode: str
     events: tuple[str, ...] = ()
-    """At its start: ``make thumb``, ``break index``, ...; empty when it goes on in the mode before."""
+    """At its start: ``make thumb``, ``break index``, ...; empty when it continues the previous mode."""
     q: np.ndarray
     """(n, nq) joints, rad."""
     X_WO: np.ndarray

@@ -177,7 +177,7 @@ class Task(_Strict, frozen=True, kw_only=True):
         return Table(up_W=-gravity / np.linalg.norm(gravity), height=self.support.plane_mm * 1e-3)
 
     def _lengths(self) -> Iterator[tuple[str, tuple[float, ...], float]]:
-        """Key, position or way in mm, and what it is never shorter than unless it is meant in metres."""
+        """Key, position or displacement in mm, and the length below which it must be meant in metres."""
         if isinstance(self.start, Pose):
             yield "start.xyz_mm", self.start.xyz_mm, _NEAREST_MM
         for i, step in enumerate(self.motion):

@@ -38,7 +38,7 @@ class States:
 
     @property
     def q_command(self) -> np.ndarray:
-        """(k, nq) what the servos are told: q + q_offset."""
+        """(k, nq) commands of the servos: q + q_offset."""
         return self.q + self.q_offset
 
 
@@ -173,7 +173,7 @@ def turned_about(R_WO: np.ndarray, axis_W: np.ndarray) -> np.ndarray:
     """By how much an object has turned about an axis since the first of some poses, winding counted.
 
     The twist of the swing-twist decomposition: where the object turned about this axis alone in the end, it is the
-    angle of that turn, whatever it did on the way. An integral of the angular velocity is not.
+    angle of that turn, whatever it did in between. An integral of the angular velocity is not.
 
     Args:
         R_WO: (k, 3, 3), less than half a turn from one to the next.

@@ -1,4 +1,4 @@
-"""`Whereabouts`: where in a plan a hand is, told by the posture it is commanded to. Needs no Drake."""
+"""`Whereabouts`: where in a plan a hand is, recognised by the posture it is commanded to. Needs no Drake."""
 
 from __future__ import annotations
 

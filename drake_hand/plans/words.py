@@ -44,7 +44,7 @@ class _Field:
     least: bool = False
     """Whether the value must not be below its limit."""
     clear: bool = False
-    """Whether the field is told as a distance kept, its sign turned."""
+    """Whether the field is reported as a distance kept, with its sign reversed."""
 
 
 _FIELDS = {

@@ -48,7 +48,7 @@ def run_sweep(
         cases: of the sweep.
         store: where their results go.
         scheduler: address of a Dask scheduler whose workers have drake_hand installed; else a process per core.
-        progress: told after every case.
+        progress: called after every case.
 
     Raises:
         InputError: there is no such scheduler, or Dask is not installed.

@@ -46,7 +46,7 @@ class CaseRow(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, case: Case, *, status: str, reason: str = "") -> CaseRow:
-        """A row that says no more than this."""
+        """A row that says only this."""
         task = case.task
         return cls(
             id=case.id,

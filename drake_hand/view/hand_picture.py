@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SWEEP = 25
-"""Points along the way of a fingertip when one joint goes from limit to limit."""
+"""Points along the path of a fingertip as one joint moves from limit to limit."""
 _GREY = (0.80, 0.82, 0.85)
 _PALE = 0.55
 """How much of white there is in the colour of a finger's links."""
@@ -48,7 +48,7 @@ def draw_hand(hand: Hand) -> bytes:
     figure.suptitle(f"{hand.name}, at home", fontsize=15, color=_INK)
     figure.text(
         *(0.36, 0.02),
-        "balls: the fingertips as spheres, numbered as in mode codes; lines: the way of a fingertip as one joint goes "
+        "balls: the fingertips as spheres, numbered as in mode codes; lines: the path of a fingertip as one joint goes "
         "from limit to limit",
         ha="center",
         color=_SOFT,
@@ -61,7 +61,7 @@ def draw_hand(hand: Hand) -> bytes:
 
 
 def sweeps(hand: Hand, finger: Finger) -> list[np.ndarray]:
-    """By joint: (k, 3) the way of the tip centre in W as that joint goes from limit to limit, the others at home."""
+    """By joint: (k, 3) the path of the tip centre in W as that joint moves from limit to limit, the others at home."""
     kin, home = FingerKinematics.of(hand, finger), hand.q_home[finger.columns]
     ways = []
     for j, column in enumerate(finger.columns):

@@ -1,4 +1,4 @@
-"""A hand or a task before there is a plan: joint sliders, palm frame, reach of the tips, the object and its way."""
+"""A hand or a task before there is a plan: joint sliders, palm frame, reach of the tips, the object and its path."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def render_hand(hand: Hand, *, remarks: Sequence[str] = ()) -> Page:
             stage.line(f"ways/sweeps/{joint}", finger.index, points)
     note = (
         f"{len(hand.fingers)} fingers, {hand.nq} joints; palm frame W: x, y, z; balls: the fingertips, numbered as in "
-        "mode codes; lines: their ways as one joint goes from limit to limit"
+        "mode codes; lines: their paths as one joint moves from limit to limit"
     )
     note = "\n- ".join([note, *remarks])
     return _page(stage, hand, title=hand.name, note=note, labels=labels, numbered=True)
 
 
 def render_task(task: Task) -> Page:
-    """A task's hand at home and its object at the start, each step's axis or way as an arrow.
+    """A task's hand at home and its object at the start, each step's axis or displacement as an arrow.
 
     Raises:
         InputError: hand or object cannot be loaded.
@@ -105,7 +105,7 @@ def _task_page(task: Task, X_WO: np.ndarray, *, note: str, blocked: str | None =
 
 
 def _draw_step(stage: Stage, step: Step, X_WO: np.ndarray, number: int) -> tuple[list[dict[str, Any]], np.ndarray]:
-    """Draws a step's axis or way; its label, and the pose after it."""
+    """Draws a step's axis or displacement; its label, and the pose after it."""
     if not (step.rotate or step.translate or step.move_to):
         return [], X_WO
     goal, axis, _ = step_goal(step, X_WO)
@@ -175,7 +175,7 @@ def _slider(hand: Hand, i: int, q: np.ndarray) -> dict[str, Any]:
 
 
 def _links(hand: Hand) -> list[dict[str, Any]]:
-    """The URDF's links from the root on, each with its way from its parent, as matrices column by column."""
+    """The URDF's links from the root on, each with its pose in its parent, as matrices column by column."""
     axes = {a.joint: (a, f) for f in hand.fingers for a in f.axes}
     X_RootPalm = np.eye(4)
     for joint in hand.urdf.chain(hand.urdf.root, hand.palm) or []:

@@ -1,4 +1,4 @@
-"""The standalone page: Drake's Meshcat recording with the plan's panel beside it. Needs no Drake."""
+"""The standalone page: Drake's Meshcat recording with the plan's panel. Needs no Drake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of Caurin & Pedro (2009), from a plan of our own; the contact map beside them."""
+"""The figures of Caurin & Pedro (2009), from a plan of our own, and the contact map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAMES = 4
 
 @in_print()
 def draw_automaton(plan: Plan) -> Figure:
-    """All modes, a ring per number of fingers in contact, and the way of the plan through them (Fig. 11)."""
+    """All modes, a ring per number of fingers in contact, and the path of the plan through them (Fig. 11)."""
     figure = column(85)
     ax = figure.subplots()
     ax.set_aspect("equal")

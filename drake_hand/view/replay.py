@@ -39,7 +39,7 @@ def render_replay(plan: Plan, run: SimulatedRun, record: Record) -> Page:
         stage.table(table, planned.X_WO[0, :3, 3])
     stage.contacts(record.p_W[k], record.f_W[k], record.X_WO[k])
     verdict = "dropped" if run.dropped else "held" if run.success else "held, off the plan"
-    sentence = f"what physics made of it: {verdict}"
+    sentence = f"in physics: {verdict}"
     return add_panel(
         stage.html(),
         plan,

@@ -54,7 +54,7 @@ def _stuck(plan: Plan) -> float:
 
 
 def _just_above(course: Course) -> np.ndarray:
-    """(k, F, 3) contact points in O, a little towards the fingertip, so that their way can be seen on the surface."""
+    """(k, F, 3) contact points in O, a little towards the fingertip, so that their path can be seen on the surface."""
     X_WO = course.states.X_WO
     lifted = course.p_WP + 0.05 * (course.p_WC - course.p_WP)
     return np.einsum("kji,kfj->kfi", X_WO[:, :3, :3], lifted - X_WO[:, None, :3, 3])
@@ -71,7 +71,7 @@ def serve_page(html: str, announce: Callable[[str], None]) -> None:
 
     Args:
         html: the page.
-        announce: is told its address.
+        announce: called with its address.
     """
     page = html.encode()
 

@@ -119,7 +119,7 @@ class Stage:
         self._face(self._R_VW @ (self._scene.hand.palm_direction if X_WO is None else X_WO[0, :3, 3] - middle))
 
     def object(self, X_WO: np.ndarray, *, ghost: bool = False) -> None:
-        """Draws the object at (k, 4, 4) poses; as a `ghost` it is faint, for what was planned beside what happened."""
+        """Draws the object at (k, 4, 4) poses; as a `ghost` it is faint, to compare the plan with what happened."""
         plant = self._scene.plant
         path = "ghost" if ghost else "object"
         for i in plant.GetBodyIndices(self._scene.object_model):
@@ -155,7 +155,7 @@ class Stage:
             self._contact(finger.name, finger.index, p_O[:, finger.index], f_O[:, finger.index])
 
     def way(self, index: int, p_P: np.ndarray, *, on_object: bool) -> None:
-        """Draws the way of a point, which grows as the recording plays.
+        """Draws the path of a point, which grows as the recording plays.
 
         Args:
             index: of the finger whose colour it has.

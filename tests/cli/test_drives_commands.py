@@ -230,7 +230,7 @@ def test_nothing_is_powered_that_was_not_proved_again(plan, capsys):
         assert run(["execute", plan, "--drives", "kanguera", "--yes", *bus, "--json"]) == 1
         answer = json.loads(capsys.readouterr().out)
         assert (answer["ok"], answer["disabled"], len(answer["problems"])) == (False, True, 1)
-        assert answer["problems"][0].startswith("proved again, the plan is not certified: ")
+        assert answer["problems"][0].startswith("checked again, the plan is not certified: ")
 
 
 def test_a_plan_that_holds_is_proved_again(tmp_path):

@@ -108,8 +108,8 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
     out = capsys.readouterr().out
     assert out.startswith("certified")
     assert re.search(r"thumb \.+=+\n", out)
-    assert "1 regrasps" in out
-    assert "planned in 0.50 s (search 0.40, other 0.10), then proved in 0.30 s" in out
+    assert "1 regrasp, " in out
+    assert "planned in 0.50 s (search 0.40, other 0.10), then certified in 0.30 s" in out
     assert Plan.load(file) == certified
     assert page.exists()
 

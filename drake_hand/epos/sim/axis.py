@@ -91,7 +91,7 @@ class SimulatedAxis:
         self._become(Standstill())
 
     def hold(self) -> None:
-        """Stays at the demand as it is."""
+        """Stays at the present demand."""
         self._become(Standstill())
 
     def ramp(self, deceleration: Obj) -> None:

@@ -23,7 +23,7 @@ BUS_OFF = 0x81FD
 
 
 class SimulatedDrive:
-    """A drive that is told of frames and of the passing of time.
+    """A drive that is given frames and the passing of time.
 
     Args:
         drive: which.

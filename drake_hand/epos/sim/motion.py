@@ -23,7 +23,7 @@ class Generator(Protocol):
     """Moves the demand."""
 
     done: bool
-    """Whether it has arrived: nothing moves any more unless it is told to."""
+    """Whether it has arrived: nothing moves any more until the next command."""
 
     def step(self, demand: Demand, dt: float) -> None:
         """Advances by dt seconds."""

@@ -23,7 +23,7 @@ INERTIA, TORQUE_CONSTANT = 1.0e-7, 19.7e-3
 INTEGRAL_S = 0.01
 """Time in which the servo's integral part takes over a load."""
 FRICTION = 0.6e-3
-"""Load [Nm] that the unpowered motor and its gear withstand: fingers that weigh 13 mNm stay, those that press give way.
+"""Load [Nm] that the unpowered motor and its gear withstand: fingers that weigh 13 mNm stay, those that press yield.
 An assumption."""
 COAST_S = 0.02
 """Time constant with which the unpowered motor slows down."""

@@ -79,7 +79,7 @@ def spawn_simulated_drives(
 
     Args:
         drives: read from a file, which the child reads too.
-        q: (n,) where the joints stand, rad (the plan's first way-point, so that it may start).
+        q: (n,) initial joint positions, rad (the plan's first waypoint, so that it may start).
         zeroed: whether their zeros are known.
         log: file for the timeline.
         faults: scheduled faults.
@@ -104,7 +104,7 @@ def spawn_simulated_drives(
 
 @contextmanager
 def child(arguments: Sequence[str], setup: msgspec.Struct, who: str) -> Iterator[subprocess.Popen]:
-    """A Python process that is told its setup and says when it is ready; it ends when its input does.
+    """A Python process that is given its setup and says when it is ready; it ends when its input does.
 
     Args:
         arguments: of the interpreter.
