@@ -44,7 +44,7 @@ KINDS = {
     "plan_file": 1,
     "drives_file": 1,
     "run": 1,
-    "mesh": 2,
+    "mesh": 20,
     "urdf": 4,
     "hand_file": 4,
     "frames": 4,
