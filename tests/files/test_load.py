@@ -150,6 +150,7 @@ def test_a_file_of_another_kind_is_named_with_what_to_do_with_it(kind, suffix, t
     ("name", "data", "said"),
     [
         ("x.sweep.yaml", b"tasks: [spin]\nseeds: 2\n", "this is a sweep file; run it with: drake-hand sweep "),
+        ("x.faults.yaml", b"faults: []\n", "this is a faults file; it goes with: drake-hand drives simulate --faults "),
         ("x.run.npz", b"PK\x03\x04\xff", "this is the record of a run; draw it with: drake-hand plot "),
         ("x.plan.json", b"\n", "file is empty"),
     ],

@@ -8,9 +8,11 @@ import pytest
 
 from drake_hand import api, cli
 from drake_hand.errors import Evidence, NoPlanFound
+from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Task
 from drake_hand.view.hand_picture import shapes_at_home, sweeps
+from tests.model.conftest import HAND_YAML, small_hand
 
 
 def data(page: str) -> dict:
@@ -105,3 +107,16 @@ def test_a_hand_is_drawn_as_it_stands(hand):
     for finger in hand.fingers:
         nearest = np.linalg.norm(triangles.reshape(-1, 3) - scene.tip_position(finger), axis=1).min()
         assert nearest < finger.radius + 1e-3
+
+
+def test_the_palm_is_at_the_origin_whatever_the_root(tmp_path):
+    """A wrist below the palm: the page moves the hand's links by itself."""
+    (tmp_path / "small.urdf").write_text(f'<robot name="small">{"".join(small_hand())}</robot>')
+    (tmp_path / "small.hand.yaml").write_text(HAND_YAML)
+    found = data(api.look(Hand.load(tmp_path / "small.hand.yaml")))
+    X_WL = {}
+    for link in found["links"]:
+        X = np.array(link["X"]).reshape(4, 4).T
+        X_WL[link["name"]] = X if link["parent"] < 0 else X_WL[found["links"][link["parent"]]["name"]] @ X
+    assert found["links"][0]["name"] != "palm"
+    np.testing.assert_allclose(X_WL["palm"], np.eye(4), atol=1e-12)
