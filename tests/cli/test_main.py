@@ -43,7 +43,7 @@ def raising(error: BaseException):
         (["plam"], "did you mean 'plan'?"),
         (["spin"], "did you mean 'plan spin'?"),
         (["my.plan.json"], "did you mean 'show my.plan.json'?"),
-        (["plan"], "one of: carry, carry_far, paper, spin, spin_fast, twirl"),
+        (["plan"], "one of: carry, carry_far, paper, spin, "),
         (["check"], "a file NAME.plan.json"),
         (["hand", "chek"], "did you mean 'check'?"),
         (["check", "spin"], "made by: drake-hand plan spin"),
