@@ -22,7 +22,7 @@ TASKS = [
     ("paper", None),
     ("carry", None),
 ]
-TASKS += [("carry_far", None), ("twirl", None)]
+TASKS += [("carry_far", None), ("twirl", None), ("table_pencil", None), ("table_cube", None)]
 
 
 def turned(task: Task, angle_deg: float | None) -> Task:

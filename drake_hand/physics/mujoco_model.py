@@ -22,6 +22,8 @@ OBJECT = "object"
 """Name of the object's body and free joint."""
 TABLE = "table"
 """Name of the plane it may lie on."""
+ROLLING = 5.0e-5
+"""Lever of the table's rolling resistance, m: what rolls on it at a millimetre a second stops at once, as on wood."""
 IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
 IMPRATIO = 1000.0
@@ -88,7 +90,7 @@ def build_model(
     _add_shapes(spec, bodies, scene, friction, tips, hand.pad.torsion_radius_mm * 1e-3)
     if table is not None:
         plane = spec.worldbody.add_geom(
-            name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, 0.0], condim=3, **_STIFF
+            name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, ROLLING], condim=6, **_STIFF
         )
         plane.size[2] = 1.0
         for key, value in _place(RigidTransform(table.X_WT)).items():

@@ -79,3 +79,19 @@ def test_what_is_not_as_planned_leaves_it_on_the_table():
         assert TABLE.gap(at, X) == pytest.approx(0.0, abs=1e-12)
         assert np.linalg.norm(X[:3, 3] - X_WO[:3, 3]) > 1e-5
         assert np.abs(TABLE.gap(at, change.start(X_WO))) > 1e-5
+
+
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+def test_a_pencil_that_rolls_comes_to_rest(engine):
+    physics = simulation(engine, "pencil_r8")
+    physics.let_go()
+    physics.advance(0.0)
+    start = physics.X_WO[2, 3]
+    physics.push(np.array([0.0, 0.0, 0.01]))
+    physics.advance(0.1)
+    physics.push(np.zeros(3))
+    physics.advance(1.5)
+    there = physics.X_WO[2, 3]
+    physics.advance(1.7)
+    assert there - start > 5e-3
+    assert physics.X_WO[2, 3] == pytest.approx(there, abs=2e-5)
