@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from drake_hand.model.geometry import Geometry
 
@@ -45,6 +44,8 @@ class Table:
         p_O = np.concatenate(points)
         level = p_O @ up_O
         p_O = p_O[level < level.min() + TOUCH]
+        from scipy.optimize import nnls  # here, because a task alone does not need it
+
         flat = np.eye(3) - np.outer(up_O, up_O)
         A = np.vstack([((p_O - p_OCom) @ flat).T, np.ones(len(p_O))])
         return bool(nnls(A, np.array([0.0, 0.0, 0.0, 1.0]))[1] < TOUCH)

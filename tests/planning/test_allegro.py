@@ -19,7 +19,7 @@ fingers:
 - {{name: middle, tip: {{link: link_7.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
 - {{name: index, tip: {{link: link_3.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
 - {{name: thumb, tip: {{link: link_15.0_tip, radius_mm: 11.94, xyz_mm: [0.0, -0.05, -11.94]}}}}
-defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 3, damping_nm_s_rad: 0.1}}
+defaults: {{speed_deg_s: 120, acceleration_deg_s2: 1500, effort_nm: 0.35, stiffness_nm_rad: 2, damping_nm_s_rad: 0.1}}
 """
 START = Pose(xyz_mm=(86.0, 10.0, 6.0), rpy_deg=(83.0, -84.0, -161.0))
 """One that `start: auto` finds."""
