@@ -75,7 +75,7 @@ def roll_correction(
 
 
 def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
-    """How hard a tip pushes back along the normal per way it is pushed, its joints' servos yielding.
+    """How hard a tip pushes back along the normal per distance it is pushed, its joints' servos yielding.
 
     Args:
         hand: with the stiffness of its servos.
@@ -108,7 +108,7 @@ def tip_give(stiffness: np.ndarray, J_WP: np.ndarray, n_W: np.ndarray) -> np.nda
 
 
 def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.ndarray) -> np.ndarray:
-    """What to add to q so that position servos press: K^-1 J^T f, and the way the tip centre has to move.
+    """What to add to q so that position servos press: K^-1 J^T f, and how far the tip centre has to move.
 
     Args:
         hand: the hand; K is its joint stiffness.

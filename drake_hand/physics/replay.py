@@ -49,7 +49,7 @@ def replay(
         contact: how fingertips yield in Drake; MuJoCo's have a way of their own.
         feedback: a sensor that sees the object; commands are then corrected (certified plans only).
         sensor_seed: of its noise.
-        progress: told the share done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: the plan asks for what is not simulated, or the engine is not installed.

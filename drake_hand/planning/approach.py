@@ -1,4 +1,8 @@
-"""Closing the hand on the object and opening it again."""
+"""Closing the hand on the object and opening it again.
+
+Before the grasp and after the release a fixture or a table holds the object, so balance does not matter and fingers may
+move together: first to points above their contacts, then straight down the normals, so that nothing pushes the object.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ class PlannedContact(NamedTuple):
 
 
 def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, PlannedContact]) -> bool:
-    """Brings free fingers from where they are to their contacts: way to above the contact, then landing together.
+    """Brings free fingers from where they are to their contacts: to a point above the contact, then landing together.
 
     Returns:
         Whether it was possible; if not, the builder is left as it was.
@@ -116,7 +120,7 @@ def _lifts(
 
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:
-    """Whether fingers that move at once along ways (n, m), the others at rest at q (nq,), are clear of everything."""
+    """Whether fingers that move at once along paths (n, m), the others at rest at q (nq,), are clear of everything."""
     fingers = clearance.hand.fingers
     centres = {i: clearance.centres(i, ways.get(i, q[None, f.columns])) for i, f in enumerate(fingers)}
     if any((clearance.to_palm(i, centres[i]) < MOVING).any() for i in ways):

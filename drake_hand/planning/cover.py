@@ -1,4 +1,8 @@
-"""Spheres that cover a shape: all of it, and as little as can be of what is beside it."""
+"""Spheres that cover a shape completely, and reach as little beyond it as possible.
+
+Clearances are asked for millions of times in a search. Between spheres they cost a square root each; what the spheres
+reach beyond a link is room the planner believes it lacks, so it is kept to a millimetre where that takes few enough.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Failures that name mode, finger, constraint and object pose, in words and as evidence."""
+"""Failures that name mode, finger, constraint and object pose, in words and as evidence.
+
+"No plan" helps nobody. Every failure says what blocked, with an amount, and a search that ends early hands over the
+part of the motion it found.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Contact forces for a path's legs, ramped at make and break, and the joint offsets that bring them about."""
+"""Contact forces for a path's legs, ramped at make and break, and the joint offsets that bring them about.
+
+The search only knows that forces exist that hold the object. Position-controlled drives need to be told which: the
+forces are chosen smooth and as even as possible over the whole path, and become offsets K^-1 J^T f of the commands,
+plus what pads yield, rolling loses and the links weigh.
+"""
 
 from __future__ import annotations
 

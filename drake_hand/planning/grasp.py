@@ -1,4 +1,8 @@
-"""Grasps: the states a search starts from."""
+"""Grasps: the states a search starts from.
+
+Thousands of sets of contacts are drawn and rated in one batch, by how many fingers could be lifted from them: what
+cannot be regrasped is a dead end, however firmly it holds.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +32,13 @@ TOUCHES = 0.85
 LOOKED_AT = 300
 """Of those that hold, how many are looked at more closely."""
 ENDURING = 3
-"""Fingers with contacts that last all the way make a grasp by themselves if they are as many."""
+"""Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
 AHEAD = 40
-"""How far their contacts are followed along the nominal way, coarse steps."""
+"""How far their contacts are followed along the nominal path, coarse steps."""
 LASTING = 3.0
-"""What it counts for that none of their fingers has to let go along the way."""
+"""What it counts for that none of their fingers has to let go on the path."""
 HAND_OVERS, HANDED_OVER = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
 GRASPS = 60
@@ -51,7 +55,7 @@ def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> Contac
 
 
 def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
-    """Refuses ways on which the object has to rest in the palm or the table, whatever the fingers do.
+    """Refuses paths on which the object would be inside the palm or the table, whatever the fingers do.
 
     Raises:
         NoPlanFound: naming the body it overlaps.
@@ -72,7 +76,7 @@ def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
 
 
 def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[frozenset[int], ...] = ()) -> list[Node]:
-    """Grasps of the object where its way begins, the most promising first.
+    """Grasps of the object where its path begins, the most promising first.
 
     Args:
         moves: whose fingers may touch.
@@ -245,7 +249,7 @@ def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndar
 
 
 def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:
-    """Poses (k + 1, 3, 4) along the nominal way, as far as grasps are looked ahead, and k >= 1."""
+    """Poses (k + 1, 3, 4) along the nominal path, as far as grasps are looked ahead, and k >= 1."""
     k = int(np.clip(np.ceil(moves.path.ticks / COARSE), 1, AHEAD))
     s = np.minimum(COARSE * np.arange(k + 1), moves.path.ticks)
     return moves.path.beside(s, np.zeros((k + 1, 6))), k

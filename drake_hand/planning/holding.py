@@ -1,4 +1,8 @@
-"""What it takes to hold the object: the predicate the search asks of a set of contacts."""
+"""What it takes to hold the object: the predicate that every set of contacts has to satisfy.
+
+Plans keep a reserve against what is not modelled: part of the friction, part of the joint efforts, and a preload that
+still presses when the object is not quite where it should be.
+"""
 
 from __future__ import annotations
 

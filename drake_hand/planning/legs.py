@@ -1,4 +1,8 @@
-"""Legs from states: joint and object knots, modes, events and contact points of a whole path."""
+"""Legs from states: joint and object knots, modes, events and contact points of a whole path.
+
+A chain of states says what happens; a leg is a smooth stretch in one mode, as timing wants it. The joints of a stroke
+are those that rolling gives, so contacts are exact without solving for them again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Moves`: what moves along one nominal way are drawn from, and what states are worth, in compiled batches.
+"""`Moves`: what moves along one nominal path are drawn from, and what states are worth, in compiled batches.
 
 The moves themselves are strokes (`strokes.py`) and switches (`switches.py`).
 """
@@ -23,7 +23,7 @@ LOOK, COARSE = 7, 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class OffsetBounds:
-    """How far the object may be from its nominal way while it moves."""
+    """How far the object may be from its nominal path while it moves."""
 
     rad: float
     m: float
@@ -39,7 +39,7 @@ class OffsetBounds:
 
 @dataclass(kw_only=True)
 class Moves:
-    """One nominal way, the fingers that may be used along it, and what states and contacts are worth on it."""
+    """One nominal path, the fingers that may be used along it, and what states and contacts are worth on it."""
 
     clearance: Clearance
     world: World
@@ -83,7 +83,7 @@ class Moves:
             x.score += 0.3 * int(liftable.sum()) + min(float(margin[-1]), hold.COUNTS) - 0.5 * stuck - 0.03 * x.regrasps
 
     def look(self, s: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is ahead of progress s (N,) with offsets (N, 6): ways (N, LOOK + 1, 3, 4) and their steps (N,).
+        """What is ahead of progress s (N,) with offsets (N, 6): paths (N, LOOK + 1, 3, 4) and their steps (N,).
 
         Towards the next stop, if it is as near as that, the offset fades, as it has to; after it there is none.
         """
@@ -100,12 +100,12 @@ class Moves:
         return self.path.beside(at, (1.0 - share)[..., None] * off[:, None]), steps
 
     def rooms(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """(N,) how far contacts of fingers (N,) at q (N, m) roll along ways ahead, 1 for as far as was looked."""
+        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, 1 for as far as was looked."""
         length = self.lasting(finger, q, X, steps)
         return np.where(length >= steps, 1.0, length / LOOK)
 
     def lasting(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray | int) -> np.ndarray:
-        """(N,) for how many steps contacts of fingers (N,) at q (N, m) roll along ways X (N, most + 1, 3, 4)."""
+        """(N,) for how many steps contacts of fingers (N,) at q (N, m) roll along paths X (N, most + 1, 3, 4)."""
         length = np.zeros(len(q), dtype=np.int64)
         finger = np.ascontiguousarray(finger, dtype=np.int64)
         steps = np.broadcast_to(steps, len(q)).copy()

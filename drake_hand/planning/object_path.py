@@ -1,4 +1,7 @@
-"""The object's path X_WO(s) that a motion asks for, sampled finely enough to integrate contacts along it."""
+"""The object's nominal path X_WO(s) that a motion asks for, in ticks fine enough to integrate rolling along it.
+
+The path is where progress is measured; the object itself may be off it, within the task's corridor (`beside`).
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ class ObjectPath:
     stops: tuple[int, ...]
     """Ticks at which the object comes to rest: the ends of steps, the last included."""
     pauses: tuple[int, ...] = ()
-    """Ticks at which it is back on its nominal way, where a search lets it leave that."""
+    """Ticks at which it is back on its nominal path, where a search may leave it."""
     axis_W: np.ndarray | None = None
     """(3,) if the whole path is one rotation about a line: its axis ..."""
     point_W: np.ndarray | None = None
@@ -71,7 +74,7 @@ class ObjectPath:
         return next((mark for mark in self.marks if mark > s + 1e-9), self.ticks)
 
     def beside(self, s: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Poses (..., 3, 4) at progress s (...) with offsets (..., 6) from the nominal way.
+        """Poses (..., 3, 4) at progress s (...) with offsets (..., 6) from the nominal path.
 
         Args:
             s: ticks, fractions included.

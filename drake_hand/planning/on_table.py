@@ -1,4 +1,4 @@
-"""What an object that lies on a table is asked before anything is planned, and before it is let go."""
+"""Checks of an object that lies on a table: before anything is planned, and before the object is let go."""
 
 from __future__ import annotations
 

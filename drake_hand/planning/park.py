@@ -1,4 +1,8 @@
-"""Where fingers wait that take no part."""
+"""Where fingers wait that take no part.
+
+A finger that stays at home is often in the way of the object or of others; it is moved once, at the beginning, to the
+posture that keeps clear of the whole path.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periods: turns after which the object looks as before, so that a way back to an earlier grasp is a gait.
+"""Periods: turns after which the object looks as before, so that a motion back to an earlier grasp is a gait.
 
 A cube turned by 90 deg, a six-sided pencil by 60 deg, a can by any angle: with the fingers where they were, the state
 has come back, and what led there leads on. ::
@@ -24,7 +24,7 @@ SHORTEST = np.radians(40.0)
 """Of periods: about as far as a finger carries an object before it has to step back."""
 
 FEWEST = 3
-"""Periods worth going back to the nominal way for, where a search could do without."""
+"""Periods worth going back to the nominal path for, where a search could do without."""
 
 
 def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: float) -> Iterator[int]:
@@ -39,11 +39,11 @@ def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: flo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """After how much of a way the object looks as it did before."""
+    """After how much of a path the object looks as it did before."""
 
     ticks: int
     count: int
-    """How many of them are the whole way."""
+    """How many of them make up the whole path."""
     X_OO: np.ndarray
     """(4, 4) pose in O of what looks like O, a period on."""
 
@@ -69,7 +69,7 @@ class Period:
         return None
 
     def completed(self, moves: Moves, x: Node) -> Node | None:
-        """The state at the end of the way, where the fingers of x can go back to where they were whole periods ago."""
+        """The state at the end of the path, where the fingers of x can go back to where they were whole periods ago."""
         k, rest = divmod(x.s, self.ticks)
         if rest or k in (0, self.count) or x.off.any():
             return None

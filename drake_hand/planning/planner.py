@@ -1,4 +1,7 @@
-"""The planner: from a task to a path; looks for start pose and palm direction where the task leaves them open."""
+"""The entrance of the planner: from a task to paths, one after another as long as they are asked for.
+
+Another path is asked for where a plan does not pass its certificate.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from drake_hand.plans.task import Task
 
 
 def find_paths(task: Task, *, progress: Callable[[Progress], None] | None = None) -> Iterator[Path]:
-    """Plans a task, in ever other ways.
+    """Plans a task, each time in a different way.
 
     Args:
         task: what is asked.

@@ -94,14 +94,14 @@ class Problem:
         return LegBuilder(self.hand, self.hand.q_home, pose(task.start))
 
     def path(self, X_WO: np.ndarray, moving: list[Step]) -> ObjectPath:
-        """The nominal way of moving steps; finer for polyhedra, on which contacts move in jerks."""
+        """The nominal path of moving steps; finer for polyhedra, on which contacts move in jerks."""
         if not moving:
             return still(X_WO)
         polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
         return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
 
     def moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
-        """What moves of these fingers along a nominal way are drawn from."""
+        """What moves of these fingers along a nominal path are drawn from."""
         corridor = task.options.corridor
         return Moves(
             clearance=self.clearance,

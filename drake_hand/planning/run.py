@@ -1,4 +1,8 @@
-"""`Run`: follows a task's steps from the start poses that are worth trying, and takes steps back that lead nowhere."""
+"""`Run`: follows a task's steps from the start poses that are worth trying, and takes steps back that lead nowhere.
+
+Steps that move the object, one after the other, are one search; others (slide, push, release, a hand-over) are planned
+by themselves. Each offers several ways to carry it out, so that a later step that fails can ask an earlier one again.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ class Run:
     problem: Problem
 
     def paths(self) -> Iterator[Path]:
-        """Plans all steps, in ever other ways.
+        """Plans all steps, each time in a different way.
 
         Raises:
             NoPlanFound: there is none, or no further one; says of the start that got farthest what blocked it.

@@ -56,7 +56,7 @@ class Search:
     wanted: frozenset[int] | None = None
     """Fingers that are to touch in the end, no others; any that hold the object if not given."""
     period: Period | None = None
-    """Of the way: once a state has come back, the way there is repeated."""
+    """Of the path: once a state has come back, the moves that led there are repeated."""
     able: Callable[[Node], bool] = lambda root: True
     """Whether the hand can get to a root; asked before the first is expanded."""
     progress: Callable[[Progress], None] = lambda p: None
@@ -194,7 +194,7 @@ class Search:
         return [x for x in ends if x is not None]
 
     def _first(self) -> list[Node]:
-        """Where the roots get to along the nominal way."""
+        """Where the roots get to along the nominal path."""
         reached = onward(self.moves, [x for states in self._bins.values() for x in states if x.parent is None])
         self.moves.evaluate(reached)
         return reached

@@ -1,4 +1,8 @@
-"""Searches from one or several starts: grasps that are moved on, and gaits, which come first where there are any."""
+"""Searches from one or several starts: grasps that are moved on, and gaits, which come first where there are any.
+
+Whether a start is a good one is known only after searching from it. So several searches take turns, and cheap answers
+are tried before dear ones: a grasp that lasts for the whole motion, then a gait, then the search.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +55,7 @@ def from_grasps(
     then: list[Grasp],
     begun: LegBuilder | None = None,
 ) -> Iterator[tuple[Task, LegBuilder]]:
-    """Grasps of the object and moves it, from one of several starts; ever other ways.
+    """Grasps of the object and moves it, from one of several starts; each time in a different way.
 
     Raises:
         NoPlanFound: there is none, or no further one.
@@ -81,7 +85,7 @@ def _attempts(
     """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
 
     One is free along the whole way. Where the way has a period, another looks for one to repeat: it pauses on the
-    nominal way after each, which is a burden where none is found.
+    nominal path after each, which is a burden where none is found.
     """
     path = problem.path(builder.X_WO, moving)
     grasp.check_palm(problem.scene, problem.clearance, path)
@@ -122,7 +126,7 @@ def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
 def from_contacts(
     problem: Problem, task: Task, builder: LegBuilder, path: ObjectPath, wanted: Grasp | None
 ) -> Iterator[LegBuilder]:
-    """Moves the object with the fingers that hold it, or hands it over to others; ever other ways.
+    """Moves the object with the fingers that hold it, or hands it over to others; each time in a different way.
 
     Raises:
         NoPlanFound: there is none, or no further one.
@@ -216,7 +220,7 @@ def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Nod
 
 
 def _gait(problem: Problem, attempt: Attempt) -> Node | None:
-    """The end of a periodic gait, where the way turns a symmetric object far enough for one."""
+    """The end of a periodic gait, where the path turns a symmetric object far enough for one."""
     task, builder, search = attempt.task, attempt.builder, attempt.search
     moves = search.moves
     path = moves.path
@@ -232,7 +236,7 @@ def _gait(problem: Problem, attempt: Attempt) -> Node | None:
 
 
 def _shortened(problem: Problem, attempt: Attempt, end: Node, share: float) -> Node:
-    """The end of the same way with fewer regrasps, if that leaves no more than a share of them."""
+    """The end of the same motion with fewer regrasps, if that leaves no more than a share of them."""
     with problem.stage("shorten"):
         found = shortened(attempt.search.moves, end)
     return found if found.regrasps <= share * end.regrasps else end

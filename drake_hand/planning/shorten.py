@@ -1,4 +1,4 @@
-"""Leaves out regrasps that a way does without: fingers are kept where they were, as long as everything else still goes.
+"""Removes regrasps that a motion can do without: fingers stay where they were, as long as everything else still works.
 
 Given the object's poses every finger is a robot of its own, so that a finger that is not regrasped changes nothing
 about the others but what they may collide with and what they have to hold. ::
@@ -20,7 +20,7 @@ from drake_hand.planning.switches import direct_switch
 
 
 def shortened(moves: Moves, end: Node) -> Node:
-    """The end of the same way with fewer regrasps: the first that can be left out is, then the next.
+    """The end of the same motion with fewer regrasps: the first that can be left out is, then the next.
 
     Args:
         moves: of the way.

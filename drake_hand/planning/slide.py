@@ -1,4 +1,7 @@
-"""Ways over the surface: a finger that stays in light contact while it moves, the object at rest."""
+"""Slides: a finger moves over the surface in light contact while the object rests, held by the others.
+
+Friction of a sliding contact is anything up to the coefficient, so the others have to bear all of it as well as none.
+"""
 
 from __future__ import annotations
 

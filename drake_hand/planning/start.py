@@ -28,7 +28,7 @@ DRAWN = 400
 RATED = 40
 """Of those, poses that are offered."""
 _ALONG = 9
-"""Poses along the way at which the object is to be clear of the palm; at the first, middle and last reach counts."""
+"""Poses along the path at which the object is to be clear of the palm; at the first, middle and last reach counts."""
 _HALF_BREADTH = 0.05
 """Of the part of a long object that lies across the fingers, m."""
 _SIDES = 0.3
@@ -65,7 +65,7 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
 
 
 def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
-    """Poses X_WO (4, 4), the most promising first: where most fingers reach several sides of it, and along its way too.
+    """Poses X_WO (4, 4), the most promising first: most fingers reach several sides of it, also along its path.
 
     Its middle is near where fingertips meet, clear of the palm. Its long axis lies along the line of the finger bases,
     as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the

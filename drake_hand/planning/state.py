@@ -1,7 +1,7 @@
 """States of the search and the moves between them, as data.
 
 A state of the hybrid automaton is a mode (who touches), the contacts (postures of the touching fingers) and the
-object's pose. The pose is free within the task's corridor: it is a progress along the nominal way and an offset from
+object's pose. The pose is free within the task's corridor: it is a progress along the nominal path and an offset from
 it. ::
 
     Node --Stroke--> Node      the object moves on, every touching finger rolls (or pivots) with it
@@ -37,9 +37,9 @@ class FingerSwitch:
     landing: int
     """Index of the lift it lands from, reversed; -1 where it does not land."""
     stop: int
-    """Index of the stop-over on its way, or of where it waits; -1 for none."""
+    """Index of the stop-over on its path, or of where it waits; -1 for none."""
     ways: tuple[np.ndarray, ...] | None = None
-    """The pieces of its way (k, m), where they are not to be made from the indices."""
+    """The pieces of its path (k, m), where they are not to be made from the indices."""
 
 
 @dataclass(kw_only=True, eq=False, slots=True)
@@ -47,7 +47,7 @@ class Node:
     """Where a hand holds the object."""
 
     s: float
-    """Progress along the nominal way, ticks."""
+    """Progress along the nominal path, ticks."""
     off: np.ndarray
     """(6,) rotation vector (rad) and translation (m) from the nominal pose, in W."""
     X: np.ndarray
@@ -61,7 +61,7 @@ class Node:
     move: Stroke | FingerSwitch | None = None
     """What led here from the parent."""
     room: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(n,) how far each contact would roll on along the nominal way, 1 for far enough."""
+    """(n,) how far each contact would roll on along the nominal path, 1 for far enough."""
     margins: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n + 1,) with which the object is held without each finger and, last, with all of them, N."""
     p_OP: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))

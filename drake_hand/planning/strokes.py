@@ -1,6 +1,8 @@
-"""Strokes from a state: the object moves on along ways drawn at random, every touching finger with it.
+"""Strokes from a state: the object moves on along paths drawn at random, every touching finger with it.
 
-A way is followed as far as it lasts: what is kept has been tested for balance, limits and clearances all along.
+A path is followed as far as it is feasible: balance, limits and clearances are tested all along, and the last feasible
+pose is the new state. Paths that leave the nominal one make room: a pose that is a little off is often one from which
+a finger can be lifted.
 """
 
 from __future__ import annotations
@@ -91,7 +93,7 @@ def _targets(moves: Moves, state: Node) -> tuple[np.ndarray, np.ndarray]:
 
 
 def onward(moves: Moves, states: list[Node]) -> list[Node]:
-    """The last states that those on the nominal way, at a tick, get to along it without a switch."""
+    """The last states that those on the nominal path, at a tick, get to along it without a switch."""
     states = [x for x in states if not x.off.any() and x.s < moves.path.ticks]
     if not states:
         return []
@@ -113,7 +115,7 @@ def onward(moves: Moves, states: list[Node]) -> list[Node]:
 
 
 def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[Node]) -> tuple[np.ndarray, np.ndarray]:
-    """Carries states along ways X (N, most + 1, 3, 4) of K (N,) steps.
+    """Carries states along paths X (N, most + 1, 3, 4) of K (N,) steps.
 
     Returns:
         Postures (N, most + 1, n, m), and how many steps of each can be made (N,).

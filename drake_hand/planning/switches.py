@@ -1,6 +1,7 @@
-"""Switches from a state: one finger breaks contact, makes it elsewhere, or both; and the ways it goes.
+"""Switches from a state: one finger breaks contact, makes it elsewhere, or both; and the paths it takes.
 
-What is kept has been tested for balance and clearances, the way included: lift, travel, landing.
+Balance and clearances are tested before a switch is kept, those of lift, travel and landing too: gaits found without
+their transits turned out to collide in them.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ def direct_switch(moves: Moves, before: Node, after: Node, finger: int) -> Finge
 
 
 def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
-    """The move of a finger that touches in both states, by a roadmap where no quicker way is found."""
+    """The move of a finger that touches in both states, by a roadmap where no quicker path is found."""
     quick = direct_switch(moves, before, after, finger)
     if quick is not None:
         return quick
@@ -168,7 +169,7 @@ def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwi
 
 
 def ways_of(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
-    """The pieces (k, m) of the way of a switch: lift, travel and landing, as many of them as it has."""
+    """The pieces (k, m) of the path of a switch: lift, travel and landing, as many of them as it has."""
     move = after.move
     assert isinstance(move, FingerSwitch)
     if move.ways is not None:
@@ -197,6 +198,6 @@ def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray
 
 
 def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The straight way (k, m) in joint space."""
+    """The straight path (k, m) in joint space."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
     return a + np.linspace(0, 1, n)[:, None] * (b - a)

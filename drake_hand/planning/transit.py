@@ -1,4 +1,8 @@
-"""Free-finger transit: lift along the normal, travel, land along the normal, clear of everything."""
+"""Free-finger transit: lift along the normal, travel, land along the normal, clear of everything.
+
+Lifting and landing along the normal neither drags the object nor grazes it. In between, a straight line in joint space
+mostly does; otherwise the finger stops over at one of the free postures it could also wait in.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from drake_hand.contact.chain import solve_least_squares
 from drake_hand.planning.collision import CLEARANCE, Clearance
 
 MOVING = CLEARANCE / 2
-"""Least clearance on a way, m."""
+"""Least clearance along a path, m."""
 LIFTS = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
 KNOTS = 9
@@ -22,7 +26,7 @@ KNOTS = 9
 STEP = np.radians(3.0)
 """Joint step between knots and between collision checks of a travel."""
 _JUMP = np.radians(20.0)
-"""Joint step of a lift that is no longer one way."""
+"""Joint step beyond which a lift is no longer one path."""
 _ATTEMPTS = 60
 """Shortest paths looked at before a detour is given up."""
 
@@ -80,7 +84,7 @@ def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: fl
 
 
 def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-    """Straight way in joint space from a to b (m,), or None where something is in the way."""
+    """Straight path in joint space from a to b (m,), or None where something is in the way."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
     way = a + np.linspace(0, 1, n)[:, None] * (b - a)
     return way if (s.clear(i, way, tip=True) >= MOVING).all() else None
@@ -144,7 +148,7 @@ def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.
 
 
 def _shorten(s: Surroundings, i: int, way: list[np.ndarray]) -> list[np.ndarray]:
-    """Skips stop-overs that a straight way avoids."""
+    """Skips stop-overs that a straight path makes unnecessary."""
     pieces, at = [], 0
     while at < len(way) - 1:
         for to in range(len(way) - 1, at, -1):

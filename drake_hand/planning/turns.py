@@ -1,4 +1,7 @@
-"""Several searches, from several starts, a slice each in turn: the more effort for one, the farther it got."""
+"""Several searches, from several starts, a slice each in turn: the more effort for one, the farther it got.
+
+Which of them works does not depend on the number of cores or on how fast they are, so that plans are repeatable.
+"""
 
 from __future__ import annotations
 

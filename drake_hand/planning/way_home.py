@@ -1,4 +1,4 @@
-"""`find_way`: a way of the empty hand through free space, from the posture it is in to one it should be in."""
+"""`find_way`: a path of the empty hand through free space, from the posture it is in to one it should be in."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AWAY = 10.0
 
 
 def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np.ndarray | None) -> Path:
-    """Plans a way from q to a goal.
+    """Plans a path from q to a goal.
 
     Args:
         scene: hand and object.

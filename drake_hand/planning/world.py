@@ -139,7 +139,7 @@ class Grid:
     seeds: tuple[kernels.Seeds, ...]
     """By finger."""
     stops: tuple[np.ndarray, ...]
-    """(V, m) by finger: where it may wait, and stop-overs of ways that are not straight; the first is home."""
+    """(V, m) by finger: where it may wait, and stop-overs of paths that are not straight; the first is home."""
 
     @classmethod
     def of(cls, clearance: Clearance) -> Grid:

@@ -47,7 +47,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
       weight (torque: that weight at 10 mm).
     - ``command_force_n``: difference of the contact forces that the commanded offsets bring about from those stated;
       per newton where a contact bears more than one.
-    - ``corridor_mm``, ``corridor_deg``: how far the object is beside the nominal way of the step it is carried along.
+    - ``corridor_mm``, ``corridor_deg``: how far the object is beside the nominal path of the step it is carried along.
     - ``goal_position_mm``, ``goal_rotation_deg``: off the start pose or a step's goal, winding counted.
     - ``mode``: number of violations in the walk through the automaton.
     - ``init``, ``inv``, ``contact``, ``jump``: how many clauses of the automaton's predicates fail: at the start, while
@@ -58,7 +58,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     Args:
         plan: the plan; a certificate it carries is ignored.
         scene: its hand and object, loaded if not given.
-        progress: told the share done, now and then.
+        progress: called with the fraction done.
 
     Raises:
         InputError: the plan is malformed, or was made for another hand or object than the one found.
@@ -89,7 +89,7 @@ def predicates_along(plan: Plan, *, progress: Callable[[float], None] | None = N
 
     Args:
         plan: the plan.
-        progress: told the share done, now and then.
+        progress: called with the fraction done.
 
     Raises:
         InputError: as `certify`.

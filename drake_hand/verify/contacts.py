@@ -55,7 +55,7 @@ def slip_ways(seen: Observed) -> np.ndarray:
 
 
 def rolling_slip(seen: Observed) -> np.ndarray:
-    """(k, F) length of the way a tip's surface has slid since the contact began, m; NaN where it is not ROLL."""
+    """(k, F) length by which a tip's surface has slid since the contact began, m; NaN where it is not ROLL."""
     length = np.linalg.norm(slip_ways(seen), axis=-1)
     slip = np.full_like(seen.gap, np.nan)
     for f in range(slip.shape[1]):
@@ -112,7 +112,7 @@ def _turn(R: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def _check_slides(seen: Observed, plan: Plan, findings: Findings) -> None:
-    """The contact's way over the surface in a SLIDE stretch is as long as a step asks (chart coordinates are arcs)."""
+    """The contact's path over the surface in a SLIDE stretch is as long as a step asks (chart coordinates are arcs)."""
     s, at = seen.states, {f: 0 for f in plan.fingers}
     for i, step in enumerate(plan.task.motion):
         if not step.slide:

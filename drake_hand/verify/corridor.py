@@ -1,4 +1,4 @@
-"""Whether the object stays in its corridor beside the nominal way of each step."""
+"""Whether the object stays in its corridor of the nominal path of each step."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from drake_hand.verify.goal import MOVES, StepSpan
 
 
 def check_corridor(task: Task, states: States, stages: list[StepSpan], findings: Findings) -> None:
-    """Judges how far the object is beside its way, all the time.
+    """Judges how far the object is off its path, all the time.
 
-    A step's nominal way leads from the goal of the step before to its own: straight on, turning evenly. The point of it
-    that a sample is compared with is the nearest, but never one before that of an earlier sample. On a turn it is the
+    A step's nominal path leads from the goal of the step before to its own: straight on, turning evenly. A sample is
+    compared with the nearest point of it, but never with one before that of an earlier sample. On a turn it is the
     nearest in angle; where a way both turns and leads on, or leads round a point elsewhere, both count by the measure
     of the corridor.
     """
@@ -33,7 +33,7 @@ def check_corridor(task: Task, states: States, stages: list[StepSpan], findings:
 
 
 def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far poses X_WO (k, 4, 4) are beside a way.
+    """How far poses X_WO (k, 4, 4) are off a path.
 
     Args:
         X_WO: in the order of time, the first at the way's begin.

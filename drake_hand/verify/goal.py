@@ -72,7 +72,7 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]
         goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
         if axis is not None:
-            # Beside its nominal way the object does not turn about the axis alone: whole turns are what winding tells.
+            # Beside its nominal path the object does not turn about the axis alone: whole turns are what winding tells.
             winding = np.degrees((turned[first:] - turned[first]) @ axis - angle)
             rotation_deg = np.maximum(rotation_deg, 360 * np.abs(np.round(winding / 360)))
         error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])

@@ -84,7 +84,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     Args:
         trajectory: of the plan.
         scene: its hand and object.
-        progress: told the share done, now and then.
+        progress: called with the fraction done.
     """
     plan, hand = trajectory.plan, scene.hand
     assert scene.object is not None

@@ -1,4 +1,4 @@
-"""`certify_way`: a way of the empty hand, proved with Drake by code that shares nothing with what found it."""
+"""`certify_way`: a path of the empty hand, proved with Drake by code that shares nothing with what found it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROUNDED = 1e-9
 
 
 def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -> Certificate:
-    """Checks a way: it begins and ends where it should, at rest, within limits, and nothing touches on it.
+    """Checks a path: it begins and ends where it should, at rest, within limits, and nothing touches on it.
 
     Fields as of :func:`drake_hand.verify.certificate.certify`; ``start_deg`` and ``goal_deg`` are how far the ends are
     from those asked for. A joint that is outside its limits at the start may come back from there.

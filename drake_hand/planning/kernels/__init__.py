@@ -1,1 +1,1 @@
-"""Compiled kernels of the search: every row is a hand and an object of its own, on a way of its own."""
+"""Compiled kernels of the search: every row is a hand and an object of its own, on a path of its own."""

@@ -1,4 +1,4 @@
-"""Holds: contacts of one finger, carried along one way of the object as far as each lasts."""
+"""Holds: contacts of one finger, carried along one path of the object as far as each lasts."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _blocked(w, f, q, waits, X, s):
     )
 )
 def held_along(w, f, waiting, waits, X, q0, n0, height, q, p_WP, n_W, J_WP, length, why):
-    """Carries contacts of finger f along a way, each as far as it lasts.
+    """Carries contacts of finger f along a path, each as far as it lasts.
 
     Args:
         w: the world.

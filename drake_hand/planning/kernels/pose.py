@@ -32,7 +32,7 @@ def log(A, B, w):
 
 @njit()
 def turned(A, w, v, share, out):
-    """Writes the pose a share of the way on from A (3, 4) under rotation vector w and translation v."""
+    """Writes the pose a share of the path on from A (3, 4) under rotation vector w and translation v."""
     x, y, z = share * w[0], share * w[1], share * w[2]
     t2 = x * x + y * y + z * z
     t = math.sqrt(t2)
@@ -51,7 +51,7 @@ def turned(A, w, v, share, out):
 
 @njit((float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, :, ::1]))
 def poses_beside(X, turn, shift, s, off, out):
-    """Writes poses (N, 3, 4) at progress s (N,) along a way, with offsets (N, 6); see `ObjectPath.beside`.
+    """Writes poses (N, 3, 4) at progress s (N,) along a path, with offsets (N, 6); see `ObjectPath.beside`.
 
     The way is given by its poses X (K + 1, 3, 4) and by rotation vector and translation (K, 3) from each to the next.
     """

@@ -1,4 +1,4 @@
-"""Strokes: hands that carry the object along ways of their own, and how far single contacts would roll."""
+"""Strokes: hands that carry the object along paths of their own, and how far single contacts would roll."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def roll_on(w, f, q, fixed, A, B, twist, pose, mid, s):
     )
 )
 def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
-    """Carries hands that hold the object along ways of their own, as far as that goes.
+    """Carries hands that hold the object along paths of their own, as far as that goes.
 
     Args:
         w: the world.
@@ -177,7 +177,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
 
 @njit((WORLD, int64[::1], float64[:, ::1], float64[:, :, :, ::1], int64[::1], int64[::1]))
 def ahead(w, finger, q0, X, steps, length):
-    """Writes how many coarse steps single contacts (N, m) of fingers (N,) roll along ways X (N, most + 1, 3, 4).
+    """Writes how many coarse steps single contacts (N, m) of fingers (N,) roll along paths X (N, most + 1, 3, 4).
 
     An estimate to rank by: joint limits, edges and collisions with object and palm end it, accuracy does not.
     """

@@ -1,4 +1,4 @@
-"""Contacts within reach, and the ways of a free finger to them: lift, travel, land."""
+"""Contacts within reach, and the paths of a free finger to them: lift, travel, land."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drake_hand.planning.kernels.clear import clear_alone, place
 from drake_hand.planning.kernels.world import SEEDS, WORLD, scratch
 
 LIFT_JUMP = math.radians(20.0)
-"""Joint step of a lift that is no longer one way."""
+"""Joint step beyond which a lift is no longer one path."""
 KNOTS = 9
 """Of a lift or a landing."""
 
@@ -108,7 +108,7 @@ def contacts(w, f, seeds, points, normals, X, q, p_W, n_W, able):
 
 @njit()
 def lift(w, f, q, n, height, X, way, s):
-    """Writes the way (KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
+    """Writes the path (KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
 
     Returns:
         Whether it is one way and clear; the others have to be placed. Its end is clear of the object, tip and all.
@@ -136,7 +136,7 @@ def lift(w, f, q, n, height, X, way, s):
 
 @njit()
 def straight(w, f, a, b, X, step, q, s):
-    """Whether finger f is clear along the straight way from a to b (m,) in joint space, the others placed."""
+    """Whether finger f is clear along the straight path from a to b (m,) in joint space, the others placed."""
     m, most = w.chains.joints[f], 0.0
     for j in range(m):
         most = max(most, abs(b[j] - a[j]))
@@ -154,7 +154,7 @@ def straight(w, f, a, b, X, step, q, s):
 
 @njit()
 def _departures(w, f, X, others, old, touches, n_old, heights, up, able, s):
-    """Places the other fingers and writes the ways (H, KNOTS, m) off the present contact, and which are clear (H,)."""
+    """Places the other fingers and writes the paths (H, KNOTS, m) off the present contact, and which are clear (H,)."""
     for j in range(len(others)):
         if j != f:
             place(w, j, others[j], s)
@@ -196,7 +196,7 @@ def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
     )
 )
 def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, step, found):
-    """Looks for ways of finger f from where it is to contacts, all else at rest.
+    """Looks for paths of finger f from where it is to contacts, all else at rest.
 
     Args:
         w: the world.
@@ -255,7 +255,7 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
     )
 )
 def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
-    """Looks for ways of finger f to free postures `stops` (V, m), where it may wait.
+    """Looks for paths of finger f to free postures `stops` (V, m), where it may wait.
 
     The other arguments are those of `transits`; `found` (V,) is written: index of the height, -1 where there is none.
     """
@@ -268,7 +268,7 @@ def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
 
 @njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, ::1]))
 def lift_way(w, f, X, others, q, n, height, way):
-    """Writes the way (KNOTS, m) of a lift; see `lift`. What is in the way is not told."""
+    """Writes the path (KNOTS, m) of a lift; see `lift`. What is in the way is not reported."""
     s = scratch(w)
     for j in range(len(others)):
         if j != f:

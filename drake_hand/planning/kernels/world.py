@@ -84,7 +84,7 @@ class World(NamedTuple):
     pivot: bool
     """Whether tip centres stay fixed in the object, instead of rolling."""
     substeps: int
-    """Rolling steps between two poses of a way."""
+    """Rolling steps between two poses of a path."""
 
 
 class Load(NamedTuple):
