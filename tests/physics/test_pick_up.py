@@ -49,7 +49,7 @@ def test_the_fingers_hold_from_before_the_lift_until_after_the_landing(cube):
     assert t[off][-1] < end
 
 
-@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+@pytest.mark.parametrize("engine", [pytest.param("drake", marks=pytest.mark.slow), "mujoco"])
 def test_a_cube_is_picked_up_and_put_down(cube, engine):
     judge(cube, engine, 0.0)
 

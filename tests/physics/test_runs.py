@@ -63,7 +63,9 @@ def test_ctrl_c_ends_everything_and_tells_what_was_finished(tmp_path, signals):
     assert answer["interrupted"].endswith("of 500 runs finished")
     time.sleep(0.2)
     assert not alive(workers)
-    assert took < 1.0 or os.getloadavg()[0] > 2 * (os.cpu_count() or 1), f"took {took:.1f} s"
+    # a second where the machine is idle; other tests and what else it does get their share
+    limit = 1.0 if os.getloadavg()[0] <= 1.5 else 2.0
+    assert took < limit or os.getloadavg()[0] > 2 * (os.cpu_count() or 1), f"took {took:.1f} s"
 
 
 def test_both_engines_answer_side_by_side_and_say_what_saw_the_object(tmp_path, capsys):
