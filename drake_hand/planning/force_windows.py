@@ -42,9 +42,11 @@ def forces_along(sets: ContactSets, problem: ForceProblem, starts: np.ndarray) -
     windows = [slice(max(a - OVERLAP, 0), min(b + OVERLAP, n)) for a, b in itertools.pairwise(bounds)]
     inputs = [(sets[w], problem[w]) for w in windows]
     keys = [_key(*some) for some in inputs]
-    first = {key: i for i, key in reversed(list(enumerate(keys)))}
-    found = at_once([partial(balance_forces, *inputs[i]) for i in first.values()])
-    known = dict(zip(first, found, strict=True))
+    distinct: dict[bytes, tuple[ContactSets, ForceProblem]] = {}
+    for key, some in zip(keys, inputs, strict=True):
+        distinct.setdefault(key, some)
+    found = at_once([partial(balance_forces, *some) for some in distinct.values()])
+    known = dict(zip(distinct, found, strict=True))
     out = [
         known[key].f_W[a - w.start : b - w.start]
         for key, w, (a, b) in zip(keys, windows, itertools.pairwise(bounds), strict=True)

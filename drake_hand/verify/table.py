@@ -11,6 +11,7 @@ from pydrake.geometry import Box, Capsule, Convex, Cylinder, Mesh, Role, Shape, 
 from scipy.optimize import lsq_linear
 
 from drake_hand.model.scene import Scene
+from drake_hand.model.table import Table
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY, TOLERANCES, TORQUE_LENGTH, UNBALANCED_SHARE
@@ -28,21 +29,6 @@ _RIM = 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plane:
-    """The table's top."""
-
-    up_W: np.ndarray
-    height: float
-
-    @classmethod
-    def of(cls, task: Task) -> Plane:
-        """Against the gravity of a task with a support."""
-        assert task.support is not None
-        gravity = np.array(task.physics.gravity, dtype=float)
-        return cls(up_W=-gravity / np.linalg.norm(gravity), height=task.support.plane_mm / 1000)
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Outline:
     """Circles around which balls make up the hull of a body's shapes, in the body's frame B."""
 
@@ -55,28 +41,28 @@ class _Outline:
     ball: np.ndarray
     """(n,) and of the balls."""
 
-    def lows(self, X_WB: np.ndarray, plane: Plane) -> np.ndarray:
+    def lows(self, X_WB: np.ndarray, table: Table) -> np.ndarray:
         """(k, n) how far the lowest point of each is above the plane, the body at X_WB (k, 4, 4)."""
-        up_B = plane.up_W @ X_WB[:, :3, :3]
+        up_B = table.up_W @ X_WB[:, :3, :3]
         lean = np.sqrt(np.clip(1.0 - (up_B @ self.axis_B.T) ** 2, 0.0, 1.0))
-        level = X_WB[:, :3, 3] @ plane.up_W - plane.height
+        level = X_WB[:, :3, 3] @ table.up_W - table.height
         return level[:, None] + up_B @ self.p_B.T - self.circle * lean - self.ball
 
-    def feet(self, X_WB: np.ndarray, plane: Plane) -> np.ndarray:
+    def feet(self, X_WB: np.ndarray, table: Table) -> np.ndarray:
         """(m, 3) points in W at which the body at X_WB (4, 4) touches the plane: those as low as its lowest."""
         tolerance = TOLERANCES["contact_mm"] / 1000
-        low = self.lows(X_WB[None], plane)[0]
+        low = self.lows(X_WB[None], table)[0]
         R, points = X_WB[:3, :3], []
         for i in np.flatnonzero(low < low.min() + tolerance):
             axis = R @ self.axis_B[i]
-            centre = R @ self.p_B[i] + X_WB[:3, 3] - self.ball[i] * plane.up_W
-            down = axis * (axis @ plane.up_W) - plane.up_W
+            centre = R @ self.p_B[i] + X_WB[:3, 3] - self.ball[i] * table.up_W
+            down = axis * (axis @ table.up_W) - table.up_W
             lean = np.linalg.norm(down)
             if self.circle[i] * lean > tolerance:
                 points.append((centre + self.circle[i] * down / lean)[None])
             else:
                 angle = np.linspace(0, 2 * np.pi, _RIM if self.circle[i] else 1, endpoint=False)[:, None]
-                a, b = _across(plane.up_W)
+                a, b = _across(table.up_W)
                 points.append(centre + self.circle[i] * (np.cos(angle) * a + np.sin(angle) * b))
         return np.concatenate(points)
 
@@ -87,23 +73,24 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
     Returns:
         (k,) how far the object is above the table, m.
     """
-    s, plane, tree = seen.states, Plane.of(plan.task), Tree.of(scene)
+    s, table, tree = seen.states, plan.task.table, Tree.of(scene)
     assert scene.object is not None
+    assert table is not None
     outlines, trajectory = _outlines(scene), Trajectory(plan)
     slack, own = TOLERANCES["contact_mm"] / 1000, outlines[scene.object.link]
     for name, gap in links_above(plan.task, scene, s.q).items():
         body, outline = tree.bodies[name], outlines[name]
 
         def room(part: int, t: float, body: int = body, outline: _Outline = outline) -> float:
-            return float(outline.lows(tree.pose(trajectory.at(t, part=part).q).X_WB[:, body], plane).min())
+            return float(outline.lows(tree.pose(trajectory.at(t, part=part).q).X_WB[:, body], table).min())
 
         depth = -1000 * _between(gap, seen, body, room)
         findings.add("penetration_mm", depth, s.t, s.part, [f"{name} and table"])
 
     def object_room(part: int, t: float) -> float:
-        return float(own.lows(trajectory.at(t, part=part).X_WO, plane).min()) + slack
+        return float(own.lows(trajectory.at(t, part=part).X_WO, table).min()) + slack
 
-    gap = own.lows(s.X_WO, plane).min(axis=1)
+    gap = own.lows(s.X_WO, table).min(axis=1)
     depth = 1000 * (slack - _between(gap + slack, seen, -1, object_room))
     alone = (seen.digits == 0).all(axis=1)
     findings.add("table_mm", np.where(alone, np.abs(1000 * gap), np.maximum(depth, 0.0)), s.t, s.part)
@@ -112,12 +99,13 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
 
 def links_above(task: Task, scene: Scene, q: np.ndarray) -> dict[str, np.ndarray]:
     """By name of every body of the hand, how far (k,) it is above a task's table at joints q (k, nq), m."""
-    plane, tree, outlines = Plane.of(task), Tree.of(scene), _outlines(scene)
+    table, tree, outlines = task.table, Tree.of(scene), _outlines(scene)
+    assert table is not None
     gaps = {name: np.empty(len(q)) for name in outlines if name in tree.bodies}
     for rows in (slice(first, first + CHUNK) for first in range(0, len(q), CHUNK)):
         X_WB = tree.pose(q[rows]).X_WB
         for name, gap in gaps.items():
-            gap[rows] = outlines[name].lows(X_WB[:, tree.bodies[name]], plane).min(axis=1)
+            gap[rows] = outlines[name].lows(X_WB[:, tree.bodies[name]], table).min(axis=1)
     return gaps
 
 
@@ -160,10 +148,11 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
     Returns:
         (m,) 1 is just tolerable.
     """
-    s, plane, outline = seen.states, Plane.of(plan.task), _outlines(scene)[scene.object_body.name()]
-    a, b = _across(plane.up_W)
+    s, table, outline = seen.states, plan.task.table, _outlines(scene)[scene.object_body.name()]
+    assert table is not None
+    a, b = _across(table.up_W)
     angle = 2 * np.pi * np.arange(_EDGES)[:, None] / _EDGES
-    edges = plane.up_W + body.friction * (np.cos(angle) * a + np.sin(angle) * b)
+    edges = table.up_W + body.friction * (np.cos(angle) * a + np.sin(angle) * b)
     scale = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
     known: dict[bytes, float] = {}
     out = np.empty(len(rows))
@@ -174,7 +163,7 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
         key = np.round(np.concatenate([X.ravel(), f_W.ravel(), p_OS[on].ravel()]), 9).tobytes()
         if key not in known:
             com = X[:3, :3] @ body.p_OCom + X[:3, 3]
-            feet = np.repeat(outline.feet(X, plane), _EDGES, axis=0)
+            feet = np.repeat(outline.feet(X, table), _EDGES, axis=0)
             push = np.tile(edges, (len(feet) // _EDGES, 1))
             arm = p_OS @ X[:3, :3].T + X[:3, 3] - com
             n_W = n_O @ X[:3, :3].T
