@@ -14,10 +14,10 @@ from drake_hand.verify.goal import MOVES, StepSpan
 def check_corridor(task: Task, states: States, stages: list[StepSpan], findings: Findings) -> None:
     """Judges how far the object is off its path, all the time.
 
-    A step's nominal path leads from the goal of the step before to its own: straight on, turning evenly. A sample is
-    compared with the nearest point of it, but never with one before that of an earlier sample. On a turn it is the
-    nearest in angle; where a way both turns and leads on, or leads round a point elsewhere, both count by the measure
-    of the corridor.
+    A step's nominal path leads from the goal of the step before to its own: straight on, turning evenly. What is judged
+    is the Frechet distance to it: samples are compared with points of the path that never go back, as near to them as
+    that allows. On a turn that is near in angle; where a path both turns and leads on, or leads round a point
+    elsewhere, both count by the measure of the corridor.
     """
     asked = task.options.corridor
     wide = asked if isinstance(asked, Corridor) else None
@@ -59,12 +59,17 @@ def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tupl
     u = weight @ progress / max(weight.sum(), 1e-300)
     if round_a_point and total > 0 and np.linalg.norm(np.cross(way.turn, way.X_from[:3, 3] - way.about)) > 1e-3 * total:
         u = _nearest(u, R, p, way, length, angle)
-    u = np.maximum.accumulate(np.clip(u, 0.0, 1.0))
+    u = _onward(np.clip(u, 0.0, 1.0))
     R_way = Rotation.from_rotvec(u[:, None] * way.turn)
     p_way = way.X_from[:3, 3] + u[:, None] * along
     if round_a_point:
         p_way = way.about + R_way.apply(way.X_from[:3, 3] - way.about)
     return np.linalg.norm(p - p_way, axis=1), (R_way.inv() * Rotation.from_matrix(R)).magnitude()
+
+
+def _onward(u: np.ndarray) -> np.ndarray:
+    """(k,) values that never decrease, with the least largest distance from u (isotonic regression in that norm)."""
+    return (np.maximum.accumulate(u) + np.minimum.accumulate(u[::-1])[::-1]) / 2
 
 
 def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: StepSpan, length: float, angle: float) -> np.ndarray:

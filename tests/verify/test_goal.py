@@ -166,7 +166,11 @@ def test_beside_the_way_counts_and_ahead_on_it_does_not():
 def test_back_along_the_way_is_beside_it():
     back = moving(((0, 0, 1), 60, (0, 0, 0), None), ((0, 0, 1), -17, (0, 0, 0), None), ((0, 0, 1), 47, (0, 0, 0), None))
     _, deg = corridor([TURN], back)
-    assert deg.value == pytest.approx(17, abs=0.01)
+    assert deg.value == pytest.approx(17 / 2, abs=0.01), "half of it as if it was ahead, half as if it was late"
+    back = moving(((0, 0, 1), 60, (0, 0, 0), None), ((0, 0, 1), -31, (0, 0, 0), None), ((0, 0, 1), 61, (0, 0, 0), None))
+    _, deg = corridor([TURN], back)
+    assert deg.value == pytest.approx(31 / 2, abs=0.01)
+    assert not deg.ok
 
 
 def test_the_wrong_way_round_leaves_the_corridor():
