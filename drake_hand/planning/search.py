@@ -1,8 +1,9 @@
 """Search over the hybrid automaton: best-first over states, in bins of progress.
 
 A state is expanded by strokes, which carry the object on, and by switches of the fingers that have least room left.
-States are kept in bins of progress, and the next one is mostly taken from the farthest bins, so that no dead end holds
-the search up; within a bin the best score goes first, lowered each time a state much like it was tried.
+States are kept in bins of progress, and the next one is mostly taken from the farthest bins, which count as less far
+the longer they lead nowhere: so no dead end holds the search up. Within a bin the best score goes first, lowered each
+time a state much like it was tried.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ FARTHEST = 0.35
 """Chance that a state is taken from the farthest bin, then from the next, and so on ..."""
 ANYWHERE = 0.1
 """... and that it is taken from any."""
+PATIENCE = 10
+"""A bin counts as one bin less far each time so many of its states were expanded: it may be a dead end."""
 TIRED = 0.15
 """By how much a score is lowered each time a state of its niche was expanded."""
 CELL = 0.012
@@ -64,6 +67,7 @@ class Search:
     farthest: Node | None = None
     _bins: dict[int, list[Node]] = field(default_factory=dict)
     _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
+    _expanded: Counter[int] = field(default_factory=Counter)
     _roots: dict[Node, None] = field(default_factory=dict)
     _able: dict[int, tuple[Node, bool]] = field(default_factory=dict)
     _started: float = field(default_factory=time.monotonic)
@@ -72,6 +76,7 @@ class Search:
         """Begins again at the roots that led to no answer yet; what is drawn will be other than before."""
         self._bins.clear()
         self._tried.clear()
+        self._expanded.clear()
         self.add(list(self._roots))
 
     def add(self, states: list[Node]) -> None:
@@ -111,11 +116,12 @@ class Search:
         rng, goal = self.moves.rng, self.moves.path.ticks
         last = self.expansions + budget
         while self.expansions < last and self._bins and time.monotonic() < deadline:
-            bins = sorted(self._bins, reverse=True)
+            bins = sorted(self._bins, key=lambda b: b - self._expanded[b] / PATIENCE, reverse=True)
             k = min(int(rng.geometric(FARTHEST)) - 1, len(bins) - 1)
             if rng.random() < ANYWHERE:
                 k = int(rng.integers(len(bins)))
             states = self._bins[bins[k]]
+            self._expanded[bins[k]] += 1
             state = max(states, key=self._rank)
             if not self._founded(state):
                 self._take(state)
@@ -161,6 +167,11 @@ class Search:
     def fraction(self) -> float:
         """Share of the motion that was reached."""
         return 0.0 if self.farthest is None else self._share(self.farthest)
+
+    @property
+    def hope(self) -> float:
+        """Share of what there is to be found: the motion, or one period of it, after which the rest may follow."""
+        return min(1.0, self.fraction * (self.period.count if self.period else 1))
 
     @property
     def founded(self) -> bool:

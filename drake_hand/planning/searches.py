@@ -32,8 +32,8 @@ from drake_hand.plans.path import Path
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Grasp, Step, Task
 
-SEARCHES = 6
-"""Worked on in turn, of those from the most promising starts."""
+GAIT_SEARCHES, SEARCHES = 12, 6
+"""Worked on in turn, of those from the most promising starts: for a motion that comes back, and for any."""
 STARTS = 16
 """Start poses, at most, from which there is a grasp."""
 GAITS, FOUND, FEW_RAD = 6, 3, np.radians(8.0)
@@ -76,7 +76,10 @@ def from_grasps(
     straight = any(x.search.straight for x, *_ in attempts[:SEARCHES])
     for x, end in [] if straight else _gaits(problem, [x for x, *_ in attempts]):
         yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, WORTH))
-    yield from _in_turn(problem, list(itertools.chain(*attempts))[:SEARCHES], failures)
+    both = list(itertools.chain(*attempts))
+    coming_back = [x for x in both if x.search.period is not None]
+    free = [x for x in both if x.search.period is None]
+    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + free[:SEARCHES], failures)
 
 
 def _attempts(

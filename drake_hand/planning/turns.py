@@ -1,4 +1,4 @@
-"""Several searches, from several starts, a slice each in turn: the more effort for one, the farther it got.
+"""Several searches, from several starts, a slice each at first, then more for those that got farther.
 
 Which of them works does not depend on the number of cores or on how fast they are, so that plans are repeatable.
 """
@@ -33,8 +33,8 @@ class Attempt:
 
     @property
     def effort(self) -> float:
-        """What it has cost, for how far it got."""
-        return (self.search.expansions + 1) / (0.1 + self.search.fraction) ** 4
+        """What it has cost, for how far it got; nothing as long as that is not known."""
+        return self.search.expansions / (0.3 + self.search.hope) ** 3
 
 
 def in_turn(

@@ -1,6 +1,7 @@
 """The search: moves keep to modes and fingers, a goal is met without an offset, failures say where and why."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
-from drake_hand.planning.search import Search
+from drake_hand.planning.period import Period
+from drake_hand.planning.search import BIN, PATIENCE, Search
 from drake_hand.planning.state import Node
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
@@ -239,6 +241,32 @@ def test_states_much_alike_share_a_niche():
     search.add([x, twin, lifted, later])
     assert x.niche == twin.niche
     assert len({x.niche, lifted.niche, later.niche}) == 3 - (not x.touching[0])
+
+
+def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):
+    monkeypatch.setattr("drake_hand.planning.search.FARTHEST", 1.0)
+    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE", 0.0)
+    m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
+    near = roots(m)[0]
+    far = Node(s=5 * BIN, off=near.off, X=near.X, q=near.q, touching=near.touching)
+    m.evaluate([far])
+    search, asked = Search(moves=m, able=lambda root: True), []
+    monkeypatch.setattr(search, "_children", lambda state: asked.append(state) or [])
+    monkeypatch.setattr(search, "_first", lambda: [])
+    search.add([near, far])
+    search.run(6 * PATIENCE, time.monotonic() + 60.0)
+    assert asked.index(near) == 5 * PATIENCE, "five bins back"
+
+
+def test_a_search_for_a_period_hopes_for_one(turned):
+    search, _ = turned
+    assert search.hope == search.fraction == 1.0
+    gait = Search(moves=search.moves, period=Period(ticks=6, count=4, X_OO=np.eye(4)))
+    x = roots(search.moves)[0]
+    y = replace(x, s=3.0)
+    gait.add([x, y])
+    assert gait.fraction == 3.0 / search.moves.path.ticks
+    assert gait.hope == 4 * gait.fraction
 
 
 def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():

@@ -8,6 +8,7 @@ import pytest
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import searches
+from drake_hand.planning.turns import SLICE, Attempt, in_turn
 from drake_hand.plans.task import Grasp
 
 ENDLESS = SimpleNamespace(deadline=np.inf)
@@ -45,7 +46,8 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         if task % 2:
             raise NoPlanFound("out of reach")
         farthest = SimpleNamespace(score=0.0)
-        return [SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=True))]
+        search = SimpleNamespace(farthest=farthest, straight=True, period=None)
+        return [SimpleNamespace(task=task, search=search)]
 
     begun = []
     monkeypatch.setattr(searches, "_attempts", grasps)
@@ -55,3 +57,28 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.STARTS - 1
+
+
+class _Search:
+    """One that gets no farther than where it is."""
+
+    exhausted = False
+
+    def __init__(self, hope: float) -> None:
+        self.hope, self.expansions = hope, 0
+
+    def run(self, budget: int, deadline: float) -> None:
+        self.expansions += budget
+
+
+def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more():
+    some = [Attempt(task=None, builder=None, search=_Search(hope)) for hope in (0.9, 0.2, 0.5, 0.2)]
+    rounds = in_turn(some, [], lambda: False, np.inf)
+    next(rounds)
+    next(rounds)
+    assert [x.search.expansions for x in some] == [SLICE] * 4
+    for _ in range(30):
+        next(rounds)
+    spent = [x.search.expansions for x in some]
+    assert spent[0] > spent[2] > 2 * spent[1]
+    assert min(spent) > SLICE, "none is forgotten"
