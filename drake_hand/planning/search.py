@@ -61,7 +61,7 @@ class Search:
     period: Period | None = None
     """Of the path: once a state has come back, the moves that led there are repeated."""
     able: Callable[[Node], bool] = lambda root: True
-    """Whether the hand can get to a root; asked before the first is expanded."""
+    """Whether the hand can get to a root; asked before what follows from it is expanded."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
     farthest: Node | None = None
@@ -123,10 +123,12 @@ class Search:
             states = self._bins[bins[k]]
             self._expanded[bins[k]] += 1
             state = max(states, key=self._rank)
-            if not self._founded(state):
+            at_goal = state.progress >= goal - 1e-9
+            # A root is asked when something has come of it: few of them lead on, and asking plans the hand's closing.
+            if (at_goal or state.parent is not None or id(state) in self._able) and not self._founded(state):
                 self._take(state)
                 continue
-            if state.progress >= goal - 1e-9:
+            if at_goal:
                 return self._answer(state)
             self._tried[state.niche] += 1
             self.expansions += 1
@@ -201,8 +203,8 @@ class Search:
         """The states at the goal that a gait leads to, which some of these complete."""
         if self.period is None:
             return []
-        ends = (self.period.completed(self.moves, x) for x in children if self._founded(x))
-        return [x for x in ends if x is not None]
+        ends = [self.period.completed(self.moves, x) for x in children]
+        return [x for x in ends if x is not None and self._founded(x)]
 
     def _first(self) -> list[Node]:
         """Where the roots get to along the nominal path."""
