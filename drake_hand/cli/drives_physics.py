@@ -101,7 +101,7 @@ class PhysicalHand:
             return msgspec.json.decode(process.stdout.readline(), type=Outcome)
         except msgspec.DecodeError as e:
             said = process.stderr.read().decode().strip()
-            raise DriveError(f"physics has nothing to tell: {said or 'nothing was played'}") from e
+            raise DriveError(f"physics has nothing to report: {said or 'nothing was played'}") from e
 
 
 @contextmanager

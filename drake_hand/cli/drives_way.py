@@ -25,7 +25,7 @@ from drake_hand.plans.task import Pose, Release, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 
 SPEED = 0.3
-"""Of what the hand may do: nobody has seen this path before."""
+"""Of what the hand may do: this path has not been seen before."""
 _CHILD = "from drake_hand.cli.drives_way import answer_wish; answer_wish()"
 _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
@@ -65,7 +65,7 @@ def way(
         answer = msgspec.json.decode(child.stdout)
     except msgspec.DecodeError as e:
         last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
-        raise DrakeHandError(f"cannot plan a path (it takes a computer with Drake): {last}") from e
+        raise DrakeHandError(f"cannot plan a path (that needs Drake): {last}") from e
     if "reason" in answer:
         raise NoPlanFound(f"no path from here: {answer['reason']}")
     return convert(answer, Plan)

@@ -1,7 +1,7 @@
-"""`Grip`: whether the fingers press as the plan has them press, by the currents of their drives, while it is played.
+"""`Grip`: whether the fingers press as planned, from the currents of their drives, while a plan is played.
 
-A servo of stiffness K that is told q + K^-1 J^T f turns with J^T f where the finger touches, and with nothing where it
-does not; the drive shows it as current, i = (C^-T J^T f) / (reduction x torque constant), beside what holds up the
+A servo of stiffness K commanded to q + K^-1 J^T f exerts J^T f where the finger touches, and nothing where it does
+not; the drive shows it as current, i = (C^-T J^T f) / (reduction x torque constant), besides what holds up the
 links. A finger's *share* is how much of its planned J^T f the drives show: 1 as planned, 0 without contact.
 """
 
@@ -65,7 +65,7 @@ class Grip:
         """At the last SYNC, of the fingers that have to press."""
 
     def look(self, step: int, axes: Sequence[AxisState]) -> Iterator[str]:
-        """Takes what the drives answered at a step; what is wrong, once it has been for long enough."""
+        """Takes the drives' answers at a step; returns what is wrong, once it has been so for long enough."""
         torque = self._per_ma @ np.array([a.current_ma for a in axes], float)
         share = self._per_nm[step] @ (torque - self._weight[step])
         judged = self._judged[step]

@@ -22,15 +22,15 @@ GRID = 0.01
 GAIN = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
 TRUST = 0.1
-"""Share of what a look says anew that is believed at once: what a look is worth at 30 a second and 1 deg of noise."""
+"""Share of a measurement's news that is believed at once, for 30 measurements a second with 1 deg of noise."""
 UNSURE_RAD, UNSURE_M = np.radians(0.5), 0.25e-3
-"""Errors that cannot be told from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is corrected.
-Contacts that follow noise are where they should not be, and use up friction."""
+"""Errors that cannot be distinguished from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is
+corrected. Contacts that follow noise are where they should not be, and use up friction."""
 TIMING_S, NOISE = 0.01, np.radians(1.0)
 """How well it is known when the object was where, s, and how well a look shows its turn, rad: while it turns so fast
 that the first makes more of a difference than the second, looks count for less."""
 LEARN = 0.075
-"""Share of what a look says anew that is put down to drift, per rad/s of planned turning."""
+"""Share of a measurement's news that is attributed to drift, per rad/s of planned turning."""
 MOST_DRIFT = 0.15
 """Drift believed in at most, per planned turn."""
 _SLOW = 0.2
@@ -190,7 +190,7 @@ class Correction:
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:
-        """The error as far as it can be told from noise, and is corrected in this part."""
+        """The error as far as it can be distinguished from noise, and is corrected in this part."""
         most = self._tube.turn[self._follow.part[row]]
         out = self._error.copy()
         for part, unsure, at_most in ((slice(0, 3), UNSURE_RAD, most), (slice(3, 6), UNSURE_M, np.inf)):
@@ -202,7 +202,7 @@ class Correction:
         """Fingers that touch carry the object along a small twist, or along what of it the tube allows.
 
         Returns:
-            The correction (nq,) and the twist (6,) that it stands for.
+            The correction (nq,) and the twist (6,) that it represents.
         """
         if not moved.any():
             return self._dq, moved

@@ -28,7 +28,7 @@ EDGE, BEFORE, AFTER = "#a0a0a0", "#c0392b", "#2471a3"
 
 
 def layout(n: int) -> tuple[dict[Mode, np.ndarray], list[float]]:
-    """Where the modes stand: one ring per number of fingers in contact, the mode without any in the middle.
+    """Where the modes are drawn: one ring per number of fingers in contact, the mode without any in the middle.
 
     Returns:
         Position (2,) of every mode and the radius of every ring, in inches. Neighbours on a ring share which

@@ -51,7 +51,7 @@ def _kind(leg: Leg) -> str:
 
 
 def _together(dwells: list[Leg]) -> list[Leg]:
-    """Dwells in pairs at once: at one pose, what one changes and what the other changes add up, and balance as well."""
+    """Dwells in pairs at the same time: at one pose, the changes of forces of both add up, and balance as well."""
     out = []
     for pair in (dwells[i : i + 2] for i in range(0, len(dwells), 2)):
         first, last = pair[0], pair[-1]

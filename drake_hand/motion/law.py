@@ -37,7 +37,7 @@ def stretched(law: PPoly, factor: float) -> PPoly:
 
 
 def optimal(path: Callable[[np.ndarray], np.ndarray], speed: np.ndarray, acceleration: np.ndarray) -> PPoly | None:
-    """The quickest law by reachability analysis (Pham & Pham 2018), exact at grid points only: check it in between.
+    """The fastest law by reachability analysis (Pham & Pham 2018), exact only at grid points: check it in between.
 
     Args:
         path: (m,) values of s in [0, 1] to (m, k) coordinates.

@@ -27,7 +27,7 @@ START = "start"
 
 @dataclass(frozen=True, kw_only=True)
 class MujocoExport:
-    """What it takes to replay a plan in MuJoCo."""
+    """Everything needed to replay a plan in MuJoCo."""
 
     xml: str
     """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts, to about 0.1 mm. There is

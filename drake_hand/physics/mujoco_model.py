@@ -51,8 +51,8 @@ def build_model(
 ) -> mujoco.MjSpec:
     """The model, ready to compile.
 
-    The palm stands on the world, frame on frame. Servos are position actuators in the hand's order; told
-    q + D / K v they do what Drake's do, which are told q and v. The same pairs of links collide as in Drake.
+    The palm is fixed to the world, frame on frame. Servos are position actuators in the hand's order; commanded to
+    q + D / K v they do what Drake's do at q and v. The same pairs of links collide as in Drake.
 
     Args:
         hand: links, joints, servos.
@@ -118,9 +118,9 @@ def put(model: mujoco.MjModel, qpos: np.ndarray, hand: Hand, q: np.ndarray, X_WO
 
 
 def controls(hand: Hand, commands: PiecewisePolynomial, t: np.ndarray, *, stiffness: float = 1.0) -> np.ndarray:
-    """(k, nq) what position actuators are told at times t (k,) so that they follow commands as Drake's servos do.
+    """(k, nq) commands of position actuators at times t (k,) so that they follow commands as Drake's servos do.
 
-    A servo of MuJoCo's is told no speed; D / K of the commands' rates more makes its damping follow them.
+    MuJoCo's servos take no speed; adding D / K times the commands' rates makes their damping follow them.
 
     Args:
         hand: with servo gains.

@@ -13,7 +13,7 @@ from drake_hand.physics.engine import Perturbation, Touch
 from drake_hand.physics.mujoco_model import OBJECT, STEP, TABLE, build_model, controls, put, tip_shapes
 
 _HELD = 1.0e6
-"""Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
+"""Inertia (kg, kg m^2) added to the object while the fixture has it: it then stays where it is, whatever pushes it."""
 
 
 class MujocoSimulation:

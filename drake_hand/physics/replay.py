@@ -1,4 +1,4 @@
-"""One run: a plan's commands played into physics, and what became of the object."""
+"""One run: a plan's commands played in physics, and what happened to the object."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def replay(
         plan: the plan.
         perturbation: what is not as planned.
         engine: whose physics.
-        contact: how fingertips yield in Drake; MuJoCo's have a way of their own.
+        contact: how fingertips yield in Drake; MuJoCo's yield in their own way.
         feedback: a sensor that sees the object; commands are then corrected (certified plans only).
         sensor_seed: of its noise.
         progress: called with the fraction done.
@@ -164,7 +164,7 @@ def _engine(
 
 
 def commands(trajectory: Trajectory) -> PiecewisePolynomial:
-    """What the servos are told over time, q + q_offset, at rest for a while before the plan and after it."""
+    """The servos' commands over time, q + q_offset, at rest for a while before the plan and after it."""
     knots = trajectory.knots
     t = np.concatenate([[knots[0] - SETTLE], knots, [knots[-1] + SETTLE + 1.0]])
     states = trajectory.at(knots)

@@ -1,4 +1,4 @@
-"""From legs to a path: contact forces where they are asked for, and what planning took."""
+"""From legs to a path: contact forces if the task asks for them, and how long planning took."""
 
 from __future__ import annotations
 

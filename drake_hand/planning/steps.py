@@ -179,7 +179,7 @@ def settle(builder: LegBuilder, clearance: Clearance, q: np.ndarray) -> None:
     """Brings the fingers that do not touch to q (nq,); a plan that has not begun yet begins there.
 
     Raises:
-        NoPlanFound: there is no way.
+        NoPlanFound: there is no path.
     """
     if not builder.legs and not builder.touching:
         builder.q = q.copy()
@@ -187,7 +187,7 @@ def settle(builder: LegBuilder, clearance: Clearance, q: np.ndarray) -> None:
     free = {i: q[f.columns] for i, f in enumerate(builder.hand.fingers) if i not in builder.touching}
     ways = approach.ways(clearance, builder.q, free, builder.X_WO)
     if ways is None:
-        what = "the fingers that take no part find no way to where they would wait"
+        what = "the fingers that take no part find no path to where they would wait"
         raise no_plan(what, mode=builder.mode, constraint="collision", X_WO=builder.X_WO)
     for way in ways:
         builder.move(way)

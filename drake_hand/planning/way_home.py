@@ -1,4 +1,4 @@
-"""`find_way`: a path of the empty hand through free space, from the posture it is in to one it should be in."""
+"""`find_way`: a path of the empty hand through free space, from its present posture to another."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
 
     Args:
         scene: hand and object.
-        task: what the way is for.
+        task: what the path is for.
         q: (nq,) where the hand is, rad.
         goal: (nq,) where it should be.
         X_WO: (4, 4) where the object stands, which is kept clear of; None if it is not there.
 
     Raises:
-        NoPlanFound: a finger touches something where it is, or finds no way.
+        NoPlanFound: a finger touches something where it is, or finds no path.
     """
     hand, object_ = scene.hand, scene.object
     assert isinstance(object_, Object)

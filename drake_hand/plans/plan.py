@@ -144,7 +144,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
         return c is not None and c.certified and c.intact and c.plan_hash == self.hash
 
     def __reduce__(self) -> tuple:
-        # By way of JSON: msgspec tells defaults by identity, which pickling loses, and with it the hash.
+        # By way of JSON: msgspec recognises defaults by identity, which pickling loses, and with it the hash.
         return _from_json, (msgspec.json.encode(self),)
 
     def at(self, t: np.ndarray | float) -> States:

@@ -43,7 +43,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
 
 
 class Grasp(_Strict, frozen=True, kw_only=True):
-    """Close the fingers on the object, which a fixture holds until then, or a table bears."""
+    """Close the fingers on the object, which until then is held by a fixture or lies on a table."""
 
     fingers: list[str] | None = None
     kind: Literal["precision", "power"] = "precision"
@@ -91,7 +91,7 @@ class Release(_Strict, frozen=True, kw_only=True):
 
 
 class Support(_Strict, frozen=True, kw_only=True):
-    """A horizontal table, on which the object lies at first and wherever it is released. No fixture holds it then."""
+    """A horizontal table on which the object lies at first and wherever it is released. There is no fixture then."""
 
     plane_mm: float
     """Height of its top over the origin of W, against gravity. With the palm down it is negative."""

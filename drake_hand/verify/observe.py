@@ -1,4 +1,4 @@
-"""What there is to see at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
+"""Observations at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
 
 from __future__ import annotations
 

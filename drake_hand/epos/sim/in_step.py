@@ -26,7 +26,7 @@ class DrivenWorld(Protocol):
     """What the motors move."""
 
     def advance(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Moves on to time t; the motors stand for joints at q (n,) [rad] with speeds v (n,); torques on them, Nm."""
+        """Moves on to time t; the motors follow joints at q (n,) [rad] with speeds v (n,); torques on them, Nm."""
 
 
 def serve_in_step(
