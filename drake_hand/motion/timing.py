@@ -25,7 +25,7 @@ RAMP_S = 0.3
 """Duration of a leg in which only forces change, s."""
 FAST_RAMP_S = 0.06
 """The same with ``timing: fast``, s: three times what a pad or a servo takes to settle."""
-SLOWER = 1.1
+SLOWDOWN = 1.1
 """Factor by which a leg is slowed down, repeatedly, until the contacts bear it."""
 
 _GRID = 201
@@ -191,7 +191,7 @@ def _fast(curve: Curve, path: Path, scene: Scene) -> _Timed:
     timed = timed.stretched(timed.excess())
     timed = timed.stretched(max(1.0, np.sqrt(inertia.own(timed.law) / OWN_N)))
     while not inertia.bearable(timed.law):
-        timed = timed.stretched(SLOWER)
+        timed = timed.stretched(SLOWDOWN)
     return timed
 
 

@@ -47,7 +47,7 @@ from drake_hand.physics.engine import Perturbation, Touch, joint_values, stiffer
 
 ContactKind = Literal["hydroelastic", "point"]
 
-STEP = 2.5e-3
+DRAKE_STEP_S = 2.5e-3
 """Time step, s. At 1 ms a full turn of the pencil ends no nearer to the plan, and takes more than twice as long."""
 _PAD_MESH = 2.0e-3
 """Edge length of a fingertip's hydroelastic mesh, m."""
@@ -82,7 +82,7 @@ class DrakeSimulation:
         friction: float,
         perturbation: Perturbation | None = None,
         contact: ContactKind = "hydroelastic",
-        step: float = STEP,
+        step: float = DRAKE_STEP_S,
         table: Table | None = None,
     ) -> None:
         """Builds the simulation, the object held at its start pose.

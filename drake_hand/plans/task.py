@@ -16,7 +16,7 @@ from drake_hand.files import load, resolve, with_line
 from drake_hand.model.table import Table
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
-SUFFIX = ".task.yaml"
+TASK_SUFFIX = ".task.yaml"
 
 _NEAREST_MM = 1.0
 """An object's origin is not that near the wrist's, inside the hand."""
@@ -194,7 +194,7 @@ class Task(_Strict, frozen=True, kw_only=True):
         Raises:
             InputError: with file, key, found and expected.
         """
-        file = resolve(ref, "tasks", SUFFIX)
+        file = resolve(ref, "tasks", TASK_SUFFIX)
         task = load(file, cls)
         try:
             task.validate(file)

@@ -12,7 +12,7 @@ from drake_hand.cli import run
 from drake_hand.cli.modes import _outline
 from drake_hand.contact.submodel import JointCount
 from drake_hand.files import bundled
-from drake_hand.model.hand import SUFFIX, Hand
+from drake_hand.model.hand import HAND_SUFFIX, Hand
 
 
 def test_explains_a_mode(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,7 +71,7 @@ def test_unknown_hand_and_file_type_are_wrong_input(tmp_path: Path, capsys: pyte
     assert run(["modes", "--graph", str(tmp_path / "g.jpg")]) == 2
 
 
-@pytest.mark.parametrize("name", bundled("hands", SUFFIX))
+@pytest.mark.parametrize("name", bundled("hands", HAND_SUFFIX))
 def test_outline_agrees_with_the_full_reader(name: str) -> None:
     automaton, counts = _outline(name)
     hand = Hand.load(name)

@@ -11,11 +11,10 @@ import numpy as np
 
 from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.pdo import SYNC_COB
+from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.motor import INERTIA
 
-STEP_S = 1e-3
-"""Of the clock, and of what the motors move."""
 _LOOK_S = 0.01
 GONE_LOOKS = 300
 """After so many looks for a master that does not wait again, 3 s, it is gone. Looks, not seconds: when the computer
