@@ -237,11 +237,9 @@ def test_nothing_is_powered_that_was_not_proved_again(plan, capsys):
         assert answer["problems"][0].startswith("checked again, the plan is not certified: ")
 
 
-def test_a_plan_that_holds_is_proved_again(tmp_path):
-    from drake_hand.api import plan as make
-
+def test_a_plan_that_holds_is_proved_again(paper, tmp_path):
     file = tmp_path / "paper.plan.json"
-    make("paper").save(file)
+    paper.save(file)
     assert prove(file) == []
 
 

@@ -98,13 +98,10 @@ def test_text_form_imports_nothing_slow() -> None:
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
-def test_the_predicates_along_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_predicates_along_a_plan(paper, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The paper's plan holds them all; with a thumb that leaves its contact for a moment it does not."""
-    from drake_hand import api
-
-    plan = api.solve("paper").plan
-    part = next(i for i, p in enumerate(plan.parts) if p.mode == "00111")
-    plan = msgspec.structs.replace(plan, parts=plan.parts[: part + 1])
+    part = next(i for i, p in enumerate(paper.parts) if p.mode == "00111")
+    plan = msgspec.structs.replace(paper, parts=paper.parts[: part + 1])
     file = tmp_path / "paper.plan.json"
     plan.save(file)
     assert run(["modes", "00111", "--plan", str(file), "--json"]) == 0

@@ -69,7 +69,7 @@ def test_a_grasp_from_which_the_next_step_fails_is_taken_back():
 
 def test_a_search_that_ends_early_leaves_the_part_it_found():
     """No finger may be lifted: the pencil gets as far as the first grasp rolls."""
-    asked = task("quartet", "pencil_r8", turn(720.0), time_limit_s=10.0, modes=["0000", "1111"])
+    asked = task("quartet", "pencil_r8", turn(720.0), time_limit_s=5.0, modes=["0000", "1111"])
     with pytest.raises(NoPlanFound, match="motion") as e:
         api.solve(asked)
     part = api.unfinished(e.value)
