@@ -1,4 +1,8 @@
-"""`Problem`: a task with its models loaded, the planning clock, and the parts that searches are built from."""
+"""`Problem`: a task with its models loaded, the planning clock, and the parts that searches are built from.
+
+Meshes take seconds to prepare, which count as planning: the clock starts before they are loaded, and all searches of a
+task share what was loaded.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Steps that need no search over the automaton: starting inside a grasp, sliding, pushing, letting go."""
+"""Steps that need no search over the automaton: starting inside a grasp, sliding, pushing, letting go.
+
+The task names the finger and where it goes, so there is nothing to choose. Each step is either carried out, with the
+checks that a search would make, or refused with what prevents it.
+"""
 
 from __future__ import annotations
 

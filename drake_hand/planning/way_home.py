@@ -1,4 +1,8 @@
-"""`find_way`: a path of the empty hand through free space, from its present posture to another."""
+"""`find_way`: a path of the empty hand through free space, from its present posture to another.
+
+A hand that was stopped in mid-plan may have fingers in front of one another. Where moving all of them straight back
+would make them collide, they move one after the other, each around the rest, in an order that is found by trying.
+"""
 
 from __future__ import annotations
 

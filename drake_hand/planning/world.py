@@ -1,4 +1,8 @@
-"""The kernels' view of a scene: `World`, `Load` and `Grid`, and batches of rows split over the cores."""
+"""The kernels' view of a scene: `World`, `Load` and `Grid`, and batches of rows split over the cores.
+
+Compiled code takes arrays only. They are made once from the objects that the rest of the planner works with. Kernels
+release the interpreter, so that threads are enough to use every core.
+"""
 
 from __future__ import annotations
 
