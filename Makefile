@@ -13,13 +13,14 @@ install: .venv/.installed
 demo: install
 	.venv/bin/drake-hand demo
 
-# What runs on the bus keeps time, and must not share the machine with other tests.
+# Whole modules go to one process where possible, so that what their tests share is made once. What runs on the bus
+# keeps time, and must not share the machine with other tests.
 test: install
-	$(PY) -m pytest -n 2 -m "not (clocked or slow or benchmark)"
+	$(PY) -m pytest -n 2 --dist worksteal -m "not (clocked or slow or benchmark)"
 	$(PY) -m pytest -m "clocked and not (slow or benchmark)"
 
 test-slow: install
-	$(PY) -m pytest -n 2 -m "slow and not clocked"
+	$(PY) -m pytest -n 2 --dist worksteal -m "slow and not clocked"
 	$(PY) -m pytest -m "slow and clocked"
 
 bench: install

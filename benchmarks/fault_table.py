@@ -50,7 +50,7 @@ def table(seeds: int, say: Callable[[str], None]) -> tuple[str, int]:
             f" {max(o.ramp_ms for o in outcomes):.0f} | {case.why} |"
         )
         say(lines[-1])
-    lines.append(f"\n{seeds * len(CASES)} runs; {disturbed} more were stopped by frames that this machine delayed")
+    lines.append(f"\n{seeds * len(CASES)} runs; not counted, since this machine delayed frames: {disturbed}")
     return "\n".join(lines), broken
 
 

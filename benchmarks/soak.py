@@ -21,7 +21,7 @@ from fault_trials import drives_of
 from swing import swing
 
 from drake_hand.epos.bus import BusSpec
-from drake_hand.epos.drives import SUFFIX, Drives
+from drake_hand.epos.drives import DRIVES_SUFFIX, Drives
 from drake_hand.epos.executor import DriveRun, RunProgress, execute
 from drake_hand.epos.record import NO_QUEUE
 from drake_hand.epos.sim.process import spawn_simulated_drives
@@ -36,7 +36,7 @@ PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 def written(types: str, sync_ms: int, folder: Path) -> Drives:
     """The bundled drives with other types and period, in a file, which the child process reads too."""
-    file = folder / f"soak{SUFFIX}"
+    file = folder / f"soak{DRIVES_SUFFIX}"
     wanted = drives_of(types)
     raw = yaml.safe_load(Drives.load().file.read_text())
     for d in wanted.drives:

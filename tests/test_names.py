@@ -1,4 +1,4 @@
-"""A public class or function of a module has a name that means one thing in the whole package."""
+"""A public class, function or constant of a module has a name that means one thing in the whole package."""
 
 import ast
 from collections import defaultdict
@@ -7,6 +7,8 @@ from pathlib import Path
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
+OWN_CONSTANTS = {"planning", "view"}
+"""Rooms whose modules name the parameters of their own searches and pictures; no other module reads them."""
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
@@ -15,11 +17,21 @@ def is_command(file: Path, node: Definition) -> bool:
     return file.parent.name == "cli" and "```console" in (ast.get_docstring(node) or "")
 
 
+def constants(node: ast.stmt) -> set[str]:
+    """Public names in capitals that a statement assigns."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    names = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}
+    return {name for name in names if name.isupper() and not name.startswith("_")}
+
+
 def several() -> dict[str, set[str]]:
-    """Names of classes and of functions that stand in several modules, commands left out."""
-    where: dict[str, dict[str, set[Path]]] = {"class": defaultdict(set), "function": defaultdict(set)}
+    """Names of classes, functions and constants that several modules define, commands left out."""
+    where: dict[str, dict[str, set[Path]]] = {kind: defaultdict(set) for kind in ("class", "function", "constant")}
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.parse(file.read_text()).body:
+            if file.relative_to(PACKAGE).parts[0] not in OWN_CONSTANTS:
+                for name in constants(node):
+                    where["constant"][name].add(file)
             if not isinstance(node, Definition) or node.name.startswith("_") or is_command(file, node):
                 continue
             where["class" if isinstance(node, ast.ClassDef) else "function"][node.name].add(file)

@@ -11,7 +11,7 @@ import numpy as np
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Finger, Hand
 
-TOLERANCE = 1e-5
+IK_TOLERANCE_M = 1e-5
 """Residual all of them have to reach, m."""
 BATCH = 20_000
 """Contacts per finger in one batch; the others solve the first `SINGLE` of them, one by one."""
@@ -22,7 +22,7 @@ Solver = Callable[[np.ndarray], np.ndarray]
 
 
 def ik_samples(hand: Hand, *, repeats: int, seed: int) -> dict[str, list[float]]:
-    """Rates and ratios of contacts solved to `TOLERANCE`, all fingers of a hand, one value per repeat.
+    """Rates and ratios of contacts solved to `IK_TOLERANCE_M`, all fingers of a hand, one value per repeat.
 
     Targets are tip centres at random joint angles. One not solved to the tolerance does not count as solved, but its
     time counts. The single solvers start in the middle of the joint ranges.
@@ -59,13 +59,13 @@ def _rate(fingers: list[FingerKinematics], targets: list[np.ndarray], solvers: l
         start = time.perf_counter()
         q = solve(p_WC)
         elapsed += time.perf_counter() - start
-        solved += int((np.linalg.norm(finger.fk(q)[0] - p_WC, axis=1) <= TOLERANCE).sum())
+        solved += int((np.linalg.norm(finger.fk(q)[0] - p_WC, axis=1) <= IK_TOLERANCE_M).sum())
     return solved / elapsed
 
 
 def _batch(finger: FingerKinematics) -> Solver:
     finger.ik(finger.fk(finger.lower[None])[0])  # starting points are laid out once per finger and process
-    return lambda p_WC: finger.ik(p_WC, tolerance=TOLERANCE)[0]
+    return lambda p_WC: finger.ik(p_WC, tolerance=IK_TOLERANCE_M)[0]
 
 
 def _one_by_one(solve: Solver) -> Solver:
@@ -85,7 +85,7 @@ def _drake_solvers(hand: Hand) -> list[Solver]:
     plant.Finalize()
     middle = (plant.GetPositionLowerLimits() + plant.GetPositionUpperLimits()) / 2
     # SNOPT oversteps bounds by up to 1e-6 m: the corners of a box of 0.4 of the tolerance stay within it all the same.
-    snopt, box = SnoptSolver(), np.full(3, 0.4 * TOLERANCE)
+    snopt, box = SnoptSolver(), np.full(3, 0.4 * IK_TOLERANCE_M)
 
     def solver(f: Finger) -> Solver:
         tip = plant.GetFrameByName(f.tip_link)
@@ -120,7 +120,7 @@ def _pinocchio_solvers(hand: Hand, fingers: list[FingerKinematics]) -> list[Solv
                 pin.framesForwardKinematics(model, data, q)
                 arm_W = data.oMf[tip].rotation @ f.finger.p_LC
                 e = p_WC - data.oMf[tip].translation - arm_W
-                if e @ e <= TOLERANCE**2:
+                if e @ e <= IK_TOLERANCE_M**2:
                     break
                 J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)[:, v_columns]
                 J = J[:3] - pin.skew(arm_W) @ J[3:]

@@ -16,8 +16,8 @@ from drake_hand.cli.output import progress_display
 from drake_hand.files import make_folder
 from drake_hand.plans.progress import Progress
 
-PAGE, PHYSICS = "spin.html", "spin-physics.html"
-STEPS = 6
+PLAN_PAGE, PHYSICS = "spin.html", "spin-physics.html"
+STEP_COUNT = 6
 
 
 def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out")) -> int:
@@ -34,10 +34,10 @@ def demo(*, output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("
     make_folder(output)
     with closing(_steps(output)) as steps:
         for number, (title, step) in enumerate(steps, start=1):
-            print(f"\n[{number}/{STEPS}] {title}\n", flush=True)
+            print(f"\n[{number}/{STEP_COUNT}] {title}\n", flush=True)
             if status := step():
                 return status
-    print(f"\nopen {output / PAGE} in a browser to watch the plan, {output / PHYSICS} to watch physics")
+    print(f"\nopen {output / PLAN_PAGE} in a browser to watch the plan, {output / PHYSICS} to watch physics")
     return 0
 
 
@@ -47,7 +47,7 @@ def _steps(output: Path) -> Generator[tuple[str, Callable[[], int | None]], None
     from drake_hand.cli.plot import plot
 
     file, run = output / "spin.plan.json", output / "spin.run.npz"
-    yield "Plan a full turn of the pencil", lambda: plans.plan("spin", output=file, html=output / PAGE)
+    yield "Plan a full turn of the pencil", lambda: plans.plan("spin", output=file, html=output / PLAN_PAGE)
     with _beside("simulate", file, "--html", output / PHYSICS) as replay:
         yield "Certify it again, from its file alone", lambda: plans.check(file)
         yield (

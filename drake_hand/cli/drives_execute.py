@@ -23,7 +23,7 @@ from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
-from drake_hand.epos.record import SUFFIX
+from drake_hand.epos.record import RECORD_SUFFIX
 from drake_hand.epos.schedule import Excerpt, Schedule
 from drake_hand.epos.sim.process import SpawnedDrives, spawn_simulated_drives
 from drake_hand.errors import InputError
@@ -119,8 +119,10 @@ def execute(
         refuse_feedback(feedback, physics=physics, fingers=bool(fingers), empty=empty)
     if twin and not hand.feel:
         raise InputError("a twin compares torques", key="--twin", expected=f"torque_constant_nm_a in {hand.file}")
-    if log and not log.name.endswith(SUFFIX):
-        raise InputError(f"records of a run end in {SUFFIX}", key="--log", found=log, expected=f"NAME{SUFFIX}")
+    if log and not log.name.endswith(RECORD_SUFFIX):
+        raise InputError(
+            f"records of a run end in {RECORD_SUFFIX}", key="--log", found=log, expected=f"NAME{RECORD_SUFFIX}"
+        )
     if log:
         require_folder(log)
     played = hand.only(_joints(found, fingers)) if fingers else hand
@@ -240,7 +242,7 @@ def _physical(
     problems, unfit = preflight.plan_problems(plan, drives)
     if unfit:
         raise preflight.Refused(problems, wrong_input=True)
-    record = log.with_name(log.name.removesuffix(SUFFIX) + ".physics.npz") if log else None
+    record = log.with_name(log.name.removesuffix(RECORD_SUFFIX) + ".physics.npz") if log else None
     return stack.enter_context(
         spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], record=record, sensor=sensor)
     )

@@ -77,4 +77,4 @@ def refuse_feedback(spec: str, *, physics: bool, fingers: bool, empty: bool) -> 
         raise InputError("the simulated sensor sees an object in physics", key="--feedback", expected="--physics")
     if fingers or empty:
         found = "--fingers" if fingers else "--empty"
-        raise InputError("an object is corrected by all fingers", key="--feedback", found=found, expected="neither")
+        raise InputError("feedback needs all fingers", key="--feedback", found=found, expected="neither")

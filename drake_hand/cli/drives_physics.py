@@ -31,10 +31,10 @@ from drake_hand.feedback.sources import line
 from drake_hand.files import convert
 from drake_hand.plans.holds import free_windows, hold_windows
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.tolerances import DROPPED_MM
 from drake_hand.plans.trajectory import Trajectory
 
 MishapKind = Literal["object_taken", "cable_off"]
-DROPPED_MM = 30.0
 _SAMPLE_STEPS = 5
 _AGAIN_S = 0.5
 """So far back in plan time is another run; where a pause ends it goes back by a step."""
@@ -101,7 +101,7 @@ class PhysicalHand:
             return msgspec.json.decode(process.stdout.readline(), type=Outcome)
         except msgspec.DecodeError as e:
             said = process.stderr.read().decode().strip()
-            raise DriveError(f"physics has nothing to tell: {said or 'nothing was played'}") from e
+            raise DriveError(f"physics has nothing to report: {said or 'nothing was played'}") from e
 
 
 @contextmanager

@@ -24,8 +24,8 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Pose, Release, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 
-SPEED = 0.3
-"""Of what the hand may do: nobody has seen this path before."""
+SPEED_SHARE = 0.3
+"""Of what the hand may do: this path has not been seen before."""
 _CHILD = "from drake_hand.cli.drives_way import answer_wish; answer_wish()"
 _NOWHERE = Pose(xyz_mm=(1e4, 0.0, 0.0))
 
@@ -65,7 +65,7 @@ def way(
         answer = msgspec.json.decode(child.stdout)
     except msgspec.DecodeError as e:
         last = (child.stderr.decode().strip().splitlines() or ["no answer"])[-1]
-        raise DrakeHandError(f"cannot plan a path (it takes a computer with Drake): {last}") from e
+        raise DrakeHandError(f"cannot plan a path (that needs Drake): {last}") from e
     if "reason" in answer:
         raise NoPlanFound(f"no path from here: {answer['reason']}")
     return convert(answer, Plan)
@@ -110,7 +110,7 @@ def come(
     there = way(hand, drives.joints, q, plan=plan, object_there=object_there)
     words = describe(there) + ("; the object falls" if held is not None else "; what the hand holds falls")
     person = Terminal(lambda _: words, power=power)
-    return executor.execute(there, drives, bus, excerpt=Excerpt(speed=SPEED), person=person, progress=progress)
+    return executor.execute(there, drives, bus, excerpt=Excerpt(speed=SPEED_SHARE), person=person, progress=progress)
 
 
 def answer_wish() -> None:
@@ -163,5 +163,5 @@ def describe(found: Plan) -> str:
     gap = -(found.certificate.worst["penetration_mm"].value or 0.0)
     return (
         f"path: {found.joints[worst]} turns most, {turn[worst]:.0f} deg; first {', '.join(movers) or 'nobody'};"
-        f" {found.duration / SPEED:.1f} s; clear by {gap:.1f} mm or more"
+        f" {found.duration / SPEED_SHARE:.1f} s; clear by {gap:.1f} mm or more"
     )

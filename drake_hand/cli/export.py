@@ -43,13 +43,13 @@ def export(
     require_folder(output)
     if format == "mujoco":
         return _to_mujoco(file, output, json)
-    from drake_hand.plans.export import FORMATS, sample
+    from drake_hand.plans.export import WRITERS, sample
 
     try:
         samples = sample(Plan.load(file), rate)
     except InputError as e:
         raise InputError(e.message, file=e.file or file, key=e.key, found=e.found, expected=e.expected) from e
-    write_atomic(output, FORMATS[format](samples))
+    write_atomic(output, WRITERS[format](samples))
     answer = {"status": "written", "output": str(output), "samples": len(samples.t), "duration_s": float(samples.t[-1])}
     if json:
         print_json(answer | {"joints": list(samples.joints), "format": format})

@@ -11,7 +11,7 @@ from drake_hand.cli.modes_plan import judge_plan
 from drake_hand.cli.output import print_json, print_table
 from drake_hand.contact.submodel import JointCount, finger_mechanism, hand_mechanism
 from drake_hand.files import load, resolve
-from drake_hand.model.hand import SUFFIX, Hand, HandSpec
+from drake_hand.model.hand import HAND_SUFFIX, Hand, HandSpec
 from drake_hand.model.xml import read_xml
 from drake_hand.modes.automaton import Automaton
 from drake_hand.modes.code import Mode, contact_counts, listed
@@ -148,7 +148,7 @@ def _outline(ref: str) -> tuple[Automaton, list[JointCount]]:
 
     Where the files are not plain and right, the full reader says what is wrong, or knows better.
     """
-    file = resolve(ref, "hands", SUFFIX)
+    file = resolve(ref, "hands", HAND_SUFFIX)
     spec = load(file, HandSpec)
     root = read_xml(resolve(spec.urdf, "hands", ".urdf", beside=file), "robot")
     try:

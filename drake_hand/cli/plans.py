@@ -15,7 +15,7 @@ from drake_hand.cli.verdict import print_certificate, print_plan
 from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.files import require_folder, resolve, write_atomic
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.task import SUFFIX
+from drake_hand.plans.task import TASK_SUFFIX
 
 if TYPE_CHECKING:
     from drake_hand.api import PlanResult
@@ -53,13 +53,13 @@ def plan(
     """
     from drake_hand import api
 
-    output = output or Path(Path(task).name.removesuffix(SUFFIX) + ".plan.json")
+    output = output or Path(Path(task).name.removesuffix(TASK_SUFFIX) + ".plan.json")
     if output.suffix != ".json":
         raise InputError("plan files end in .json", key="--output", found=output, expected=output.with_suffix(".json"))
     for written in (output, html):
         if written:
             require_folder(written)
-    with naming(resolve(task, "tasks", SUFFIX)), progress_display(quiet=json) as progress:
+    with naming(resolve(task, "tasks", TASK_SUFFIX)), progress_display(quiet=json) as progress:
         try:
             result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
         except NoPlanFound as e:

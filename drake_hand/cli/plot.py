@@ -54,7 +54,7 @@ def plot(
     if gif:
         require_folder(gif)
     kinds = [kind.strip() for kind in formats.split(",")]
-    if plan_or_run.name.endswith(record.SUFFIX):
+    if plan_or_run.name.endswith(record.RECORD_SUFFIX):
         files = draw_run(record.RunRecord.load(plan_or_run), output, formats=kinds)
     else:
         subject = Plan.load(plan_or_run)

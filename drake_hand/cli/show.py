@@ -10,7 +10,7 @@ from drake_hand.cli.output import naming
 from drake_hand.errors import InputError
 from drake_hand.files import bundled, require_folder, write_atomic
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.task import SUFFIX, Task
+from drake_hand.plans.task import TASK_SUFFIX, Task
 
 
 def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
@@ -34,12 +34,12 @@ def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
     from drake_hand import api
 
     with naming(Path(plan_or_task)):
-        if plan_or_task in bundled("tasks", SUFFIX) or plan_or_task.endswith((".yaml", ".yml")):
+        if plan_or_task in bundled("tasks", TASK_SUFFIX) or plan_or_task.endswith((".yaml", ".yml")):
             page = str(api.look(Task.load(plan_or_task)))
         elif plan_or_task.endswith(".json") or Path(plan_or_task).exists():
             page = str(api.show(Plan.load(plan_or_task)))
         else:
-            expected = "a plan (.json), a task (.yaml) or one of: " + ", ".join(bundled("tasks", SUFFIX))
+            expected = "a plan (.json), a task (.yaml) or one of: " + ", ".join(bundled("tasks", TASK_SUFFIX))
             raise InputError("nothing to show", file=plan_or_task, found=plan_or_task, expected=expected)
     present(page, Path(plan_or_task).name, html)
 

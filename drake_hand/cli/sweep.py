@@ -41,12 +41,12 @@ def sweep(
     """
     from drake_hand.sweep import dataset, report
     from drake_hand.sweep.run import run_sweep
-    from drake_hand.sweep.spec import SUFFIX, load_cases
+    from drake_hand.sweep.spec import SWEEP_SUFFIX, load_cases
     from drake_hand.sweep.store import Store
 
     cases = load_cases(sweep_file)
     ids = [case.id for case in cases]
-    output = output or Path(sweep_file.name.removesuffix(SUFFIX).removesuffix(".yaml") + ".sweep")
+    output = output or Path(sweep_file.name.removesuffix(SWEEP_SUFFIX).removesuffix(".yaml") + ".sweep")
     for folder in (output, export):
         if folder:
             require_place(folder)

@@ -19,7 +19,7 @@ _BLOCK = 4096
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product over the last axis; several times quicker than np.cross on many short vectors."""
+    """Cross product over the last axis; several times faster than np.cross on many short vectors."""
     a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
     b1, b2, b3 = b[..., 0], b[..., 1], b[..., 2]
     out = np.empty((3, *np.broadcast_shapes(a1.shape, b1.shape)))

@@ -1,4 +1,4 @@
-"""What servos are commanded so that fingers exert forces: pads are pressed in, tips roll short, joints yield."""
+"""Commands by which servos exert forces: they make up for compressed pads, shortened rolling and yielding joints."""
 
 from __future__ import annotations
 

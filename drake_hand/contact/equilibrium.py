@@ -21,7 +21,7 @@ class Capacity:
     f_max: float = np.inf
     """Largest normal force, N."""
     effort: np.ndarray | None = None
-    """(n, m) largest joint torques, Nm; without it joints bear anything."""
+    """(n, m) largest joint torques, Nm; without it joints bear any load."""
 
 
 def margins(sets: ContactSets, capacity: Capacity, force_W: np.ndarray, drag_W: np.ndarray | None = None) -> np.ndarray:

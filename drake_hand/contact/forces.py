@@ -31,7 +31,7 @@ class Unbalanced(NoPlanFound):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForceProblem:
-    """What is asked of the contacts at n knots of k contacts, and what each can bear."""
+    """The demands on k contacts at n knots, and what each can bear."""
 
     load: np.ndarray
     """(n, k) share of its full load that a contact may bear: 0 no contact or its first and last instant, 1 full.
@@ -231,7 +231,7 @@ def _press(program: _ConeProgram, c: _Contacts) -> None:
 
 
 def _spare_joints(program: _ConeProgram, c: _Contacts) -> None:
-    """Joint torques stay below their efforts, and normal forces below what these bear."""
+    """Joint torques stay below their efforts, and normal forces below what these allow."""
     A, m = c.count, c.J.shape[2]
     most, least = c.effort
     r = np.broadcast_to((c.rows[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))

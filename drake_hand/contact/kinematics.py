@@ -249,7 +249,7 @@ class _Instant:
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Minimum-norm x (N, m) of A x = b and the length (N,) of what is left over.
+    """Minimum-norm x (N, m) of A x = b and the length (N,) of the residual.
 
     A is inverted in closed form; rows where that fails, because the finger is singular there or has fewer than three
     joints, get the least-squares solution by singular values.

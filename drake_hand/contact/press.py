@@ -1,4 +1,4 @@
-"""What the joints of a hand have to turn with along a plan: to hold its links up, and to press. Needs no Drake."""
+"""The joint torques that hold up the links along a plan, and those that press. Needs no Drake."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Press:
 
 
 def press(plan: Plan, hand: Hand, t: np.ndarray) -> Press:
-    """What a plan asks of the joints.
+    """The torques that a plan asks of the joints.
 
     Args:
         plan: with forces, or without (then nothing presses).

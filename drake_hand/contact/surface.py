@@ -139,14 +139,14 @@ class Surface:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Moves points over the surface, or over the expanded surface, by chart coordinates (s1, s2).
 
-        The way follows s1 t1 + s2 t2 (Runge-Kutta, brought back to the surface after every step), so that a point that
+        The path follows s1 t1 + s2 t2 (Runge-Kutta, brought back to the surface after every step), so that a point that
         moves on by the same s follows the same line. Around a cylinder s1 is arc length.
 
         Args:
             p_O: (N, 3) points on the surface expanded by `radius`, m.
             s: (N, 2) m.
             radius: by which the surface is expanded, m: tip centres move on the surface expanded by the tip's.
-            steps: the way is divided into; each should turn the normal by less than half a radian.
+            steps: the path is divided into; each should turn the normal by less than half a radian.
 
         Returns:
             p_O (N, 3) on the same surface, nhat_O (N, 3) at the end.

@@ -1,4 +1,4 @@
-"""What the hand's own weight does to position servos, and what to command against it."""
+"""The effect of the hand's own weight on position servos, and the commands that compensate for it."""
 
 from __future__ import annotations
 

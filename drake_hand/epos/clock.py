@@ -52,7 +52,7 @@ class OwnClock:
         return bus.recv(seconds)
 
     def tell(self, plan: str, plan_time: float) -> None:
-        """Nobody listens."""
+        """Has no effect: there is no other end."""
 
 
 OWN = OwnClock()
@@ -76,7 +76,7 @@ class SharedClock:
         with file.open("r+b") as f:
             self._map = mmap.mmap(f.fileno(), _VALUES.size)
             self.channel = f.read()[_VALUES.size :].decode()
-            """Of ``udp_multicast``: the bus that goes by it."""
+            """Of ``udp_multicast``: the bus that uses this clock."""
         self._bell = os.open(_bell(file), os.O_RDWR | os.O_NONBLOCK)
 
     @classmethod
@@ -110,7 +110,7 @@ class SharedClock:
         return bus.recv(0)
 
     def set(self, now: float) -> None:
-        """It is that late."""
+        """Sets the time."""
         self._put(_NOW, now)
         if now >= self._get(_DUE):
             self._put(_DUE, math.inf)

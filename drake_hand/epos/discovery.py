@@ -21,7 +21,7 @@ _TRIES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Identification:
-    """What a node says it is; fields it would not tell are None."""
+    """What a node says it is; fields it would not give are None."""
 
     node: int
     vendor: int | None
@@ -65,7 +65,7 @@ class Condition:
 
 
 def identify(master: Master, node: int) -> Identification:
-    """Reads the identity of a node; what it refuses is None."""
+    """Reads the identity of a node; what it refuses to say is None."""
 
     def ask(obj: Obj) -> int | None:
         try:
@@ -153,7 +153,7 @@ def read_error_history(master: Master, node: int) -> tuple[int, ...]:
 
 
 def conditions(master: Master, drives: Sequence[Drive]) -> tuple[list[Condition], list[str]]:
-    """How drives are, all asked at once; and those that would not tell, one line each."""
+    """The condition of all drives, asked at the same time; and those that would not answer, one line each."""
 
     def one(drive: Drive) -> Condition | str:
         try:
@@ -221,7 +221,7 @@ def reset_faults(master: Master, drives: Sequence[Drive]) -> list[str]:
 
 
 def disable_all(master: Master, drives: Sequence[Drive]) -> list[str]:
-    """Reads every drive back as not powered, and tells one that still is to disable; joints where that failed."""
+    """Reads every drive back as not powered, and disables any that still is; joints where that failed."""
 
     def one(drive: Drive) -> bool:
         try:

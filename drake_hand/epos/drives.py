@@ -25,7 +25,7 @@ from drake_hand.epos.pdo import LAYOUT, MASTER_NODE
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve
 
-SUFFIX = ".drives.yaml"
+DRIVES_SUFFIX = ".drives.yaml"
 MAX_CONDITION = 100.0
 """Largest condition number of a coupling matrix: beyond it one count at a motor moves a joint by a hundred."""
 
@@ -170,7 +170,7 @@ class Drives:
             InputError: file, key, found and expected of the first thing that is wrong: unknown key or joint, node id
                 missing or given twice, coupling matrix singular or badly conditioned.
         """
-        file = resolve(ref, "drives", SUFFIX)
+        file = resolve(ref, "drives", DRIVES_SUFFIX)
         return _build(load(file, DrivesFile), file)
 
     def columns(self, joints: Sequence[str]) -> np.ndarray:

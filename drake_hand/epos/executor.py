@@ -215,7 +215,7 @@ def _play(
     progress: Callable[[RunProgress], None],
     off: list[Drive],
 ) -> DriveRun:
-    """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, come what may."""
+    """Plays a schedule on drives that are configured; adds to `off` those read back as not powered, in any case."""
     schedule, drives = player.schedule, player.schedule.drives
     started = datetime.now(UTC).isoformat(timespec="seconds")
     wants_open = False

@@ -1,7 +1,7 @@
-"""`Grip`: whether the fingers press as the plan has them press, by the currents of their drives, while it is played.
+"""`Grip`: whether the fingers press as planned, from the currents of their drives, while a plan is played.
 
-A servo of stiffness K that is told q + K^-1 J^T f turns with J^T f where the finger touches, and with nothing where it
-does not; the drive shows it as current, i = (C^-T J^T f) / (reduction x torque constant), beside what holds up the
+A servo of stiffness K commanded to q + K^-1 J^T f exerts J^T f where the finger touches, and nothing where it does
+not; the drive shows it as current, i = (C^-T J^T f) / (reduction x torque constant), besides what holds up the
 links. A finger's *share* is how much of its planned J^T f the drives show: 1 as planned, 0 without contact.
 """
 
@@ -14,11 +14,11 @@ import numpy as np
 from drake_hand.epos.axis import AxisState
 from drake_hand.epos.schedule import Schedule
 
-LOST, TWICE, GONE = 0.1, 3.0, 0.25
+LOST_SHARE, HARD_SHARE, GONE_SHARE = 0.1, 3.0, 0.25
 """Shares: of a finger that lost its contact, of one that presses against something else, of all fingers together."""
 LOST_S, GONE_S = 0.5, 0.1
 """How long it has to be so. In runs that ended well with friction, mass and stiffness 20 % off, the object 1 mm, no
-finger was below `LOST` for longer than 0.21 s, and all together never below 0.7."""
+finger was below `LOST_SHARE` for longer than 0.21 s, and all together never below 0.7."""
 LEAST_NM = 4e-3
 """Planned torque of a finger below which it is not judged: what links and motors do hides it."""
 _BEGUN_S = 0.1
@@ -65,15 +65,15 @@ class Grip:
         """At the last SYNC, of the fingers that have to press."""
 
     def look(self, step: int, axes: Sequence[AxisState]) -> Iterator[str]:
-        """Takes what the drives answered at a step; what is wrong, once it has been for long enough."""
+        """Takes the drives' answers at a step; returns what is wrong, once it has been so for long enough."""
         torque = self._per_ma @ np.array([a.current_ma for a in axes], float)
         share = self._per_nm[step] @ (torque - self._weight[step])
         judged = self._judged[step]
         self.shares = {name: float(x) for name, x, yes in zip(self._names, share, judged, strict=True) if yes}
-        self._off = np.where(judged & [share < LOST, share > TWICE], self._off + 1, 0)
+        self._off = np.where(judged & [share < LOST_SHARE, share > HARD_SHARE], self._off + 1, 0)
         part = int(self._part[step])
         size = self._size[step] * judged
-        if size.any() and (size @ np.clip(share, 0, 1)) < GONE * size.sum():
+        if size.any() and (size @ np.clip(share, 0, 1)) < GONE_SHARE * size.sum():
             self._gone += 1
         else:
             self._gone = 0

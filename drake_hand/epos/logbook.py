@@ -1,4 +1,4 @@
-"""`Logbook`: collects a run row by row in memory laid out beforehand, so that the bus thread never waits for it."""
+"""`Logbook`: collects a run row by row in memory allocated beforehand, so that the bus thread never waits for it."""
 
 from __future__ import annotations
 

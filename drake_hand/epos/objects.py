@@ -105,7 +105,7 @@ HOMING_SPEED = Obj(0x6099, 1, "u32")
 HOMING_SPEED_ZERO = Obj(0x6099, 2, "u32")
 HOMING_ACCELERATION = Obj(0x609A, 0, "u32")
 SUPPORTED_MODES = Obj(0x6502, 0, "u32")
-"""Bit n - 1 stands for mode n."""
+"""Bit n - 1 means mode n."""
 
 # Interpolated position (EPOS2), cycle time (EPOS4)
 IP_SUBMODE = Obj(0x60C0, 0, "i16")
@@ -133,7 +133,7 @@ SERIAL64 = {"epos1": Obj(0x2004, 0, "u64"), "epos2": Obj(0x2004, 0, "u64"), "epo
 HOME_POSITION = {"epos1": Obj(0x2081, 0, "i32"), "epos2": Obj(0x2081, 0, "i32"), "epos4": Obj(0x30B0, 0, "i32")}
 """What the position becomes where homing ends, counts."""
 HOMING_CURRENT = {"epos1": Obj(0x2080, 0, "u16"), "epos2": Obj(0x2080, 0, "u16"), "epos4": Obj(0x30B2, 0, "u16")}
-"""Current that tells a stop, mA. That the EPOS4 has these two at 0x30B0 and 0x30B2 is from memory, not from its EDS."""
+"""Current that indicates a stop, mA. That EPOS4 has these two at 0x30B0 and 0x30B2 is from memory, not from its EDS."""
 
 # Modes of operation
 MODE_PROFILE, MODE_HOMING, MODE_INTERPOLATED, MODE_CSP, MODE_POSITION = 1, 6, 7, 8, -1

@@ -1,7 +1,7 @@
 """`PositionBackend`: a set value each SYNC for an EPOS 24/1, which has neither a PVT queue nor cyclic position mode.
 
 That the EPOS 24/1 can do no better than maxon's position mode (-1, set value 0x2062) is inferred from the mode list of
-a library that drove one. Between set values it stands still: the motion is a staircase of one step per SYNC.
+a library that drove one. Between set values it does not move: the motion is a staircase of one step per SYNC.
 """
 
 from __future__ import annotations

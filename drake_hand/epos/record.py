@@ -14,7 +14,7 @@ import numpy as np
 from drake_hand.errors import InputError
 from drake_hand.files import read_bytes, write_atomic
 
-SUFFIX = ".run.npz"
+RECORD_SUFFIX = ".run.npz"
 NO_QUEUE = -1
 LATE_SHARE = 0.1
 """Of a SYNC period: later than that, a position no longer belongs to its command."""
@@ -137,7 +137,7 @@ class RunRecord:
         Raises:
             InputError: not a run record.
         """
-        data, expected = read_bytes(path), f"a {SUFFIX} file, as execute --log writes it"
+        data, expected = read_bytes(path), f"a {RECORD_SUFFIX} file, as execute --log writes it"
         if not zipfile.is_zipfile(io.BytesIO(data)):
             raise InputError("not the record of a run", file=path, found="another kind of file", expected=expected)
         try:

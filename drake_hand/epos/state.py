@@ -84,7 +84,7 @@ _CIA_DECODE = {v & _CIA_MASK: k for k, v in EPOS4_STATUS.items()} | {0x0060: Dri
 
 
 def decode_state(statusword: int, drive_type: DriveType) -> DriveState:
-    """The state a status word (0x6041) stands for; `State.UNKNOWN` for a word the type never shows."""
+    """The state that a status word (0x6041) means; `State.UNKNOWN` for a word the type never shows."""
     if drive_type == "epos4":
         return _CIA_DECODE.get(statusword & _CIA_MASK, DriveState.UNKNOWN)
     word = statusword & _EPOS_MASK

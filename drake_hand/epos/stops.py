@@ -47,7 +47,7 @@ class Watch:
         self._begun: float | None = None
 
     def fault(self, kind: str, text: str, now: float, axis: AxisState | None = None, code: int = 0) -> Fault:
-        """A fault of a drive, or of nobody."""
+        """A fault of a drive, or of none."""
         time_s = now - (self._begun if self._begun is not None else now)
         if axis is None:
             return Fault(kind=kind, text=text, time_s=time_s, sync=self.sync)

@@ -32,7 +32,7 @@ _ACCELERATION = 10_000
 _STEP_S, _HERE_S = 0.02, 2.0
 _AT_HOME = 3
 PASSES, AGREE = 3, math.radians(2.0)
-"""A finger in the way may be taken for a stop; once the others are at their stops, it no longer is in the way."""
+"""A finger in the way may be mistaken for a stop; once the others are at their stops, it is no longer in the way."""
 _LADDER = (Control.SHUTDOWN, Control.SWITCH_ON, Control.ENABLE)
 
 

@@ -17,31 +17,31 @@ from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
-GRID = 0.01
+GRID_S = 0.01
 """s between the times at which the plan's kinematics are worked out beforehand."""
-GAIN = 2.0
+CORRECTION_RATE_PER_S = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
-TRUST = 0.1
-"""Share of what a look says anew that is believed at once: what a look is worth at 30 a second and 1 deg of noise."""
+TRUST_SHARE = 0.1
+"""Share of a measurement's news that is believed at once, for 30 measurements a second with 1 deg of noise."""
 UNSURE_RAD, UNSURE_M = np.radians(0.5), 0.25e-3
-"""Errors that cannot be told from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is corrected.
-Contacts that follow noise are where they should not be, and use up friction."""
-TIMING_S, NOISE = 0.01, np.radians(1.0)
+"""Errors that cannot be distinguished from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is
+corrected. Contacts that follow noise are where they should not be, and use up friction."""
+TIMING_S, NOISE_RAD = 0.01, np.radians(1.0)
 """How well it is known when the object was where, s, and how well a look shows its turn, rad: while it turns so fast
 that the first makes more of a difference than the second, looks count for less."""
-LEARN = 0.075
-"""Share of what a look says anew that is put down to drift, per rad/s of planned turning."""
-MOST_DRIFT = 0.15
+DRIFT_GAIN = 0.075
+"""Share of a measurement's news that is attributed to drift, per rad/s of planned turning."""
+DRIFT_LIMIT = 0.15
 """Drift believed in at most, per planned turn."""
 _SLOW = 0.2
 """rad/s below which turning teaches little about drift."""
-FASTEST = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
+TWIST_LIMIT = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
 """Twist with which the object is brought back at most, rad/s and m/s."""
-LANDING = 8.0
+LANDING_RATE_PER_S = 8.0
 """How fast a free finger goes where it will be needed, 1/s."""
-LOST_S = 0.25
+BLIND_S = 0.25
 """Without a look for as long as this the sensor is lost ..."""
-FADE = 2.0
+FADE_RATE_PER_S = 2.0
 """... and what is done because of it fades, or comes back, at this rate, 1/s."""
 _WEIGHT = np.array([0.02, 0.02, 0.02, 1.0, 1.0, 1.0])
 """m: a radian of turn counts as much as this displacement where a twist is cut down to what the tube allows."""
@@ -88,7 +88,7 @@ class Correction:
         Raises:
             InputError: the plan is not certified, or never holds the object.
         """
-        self._follow = Followers.of(plan, hand, object_, step=GRID)
+        self._follow = Followers.of(plan, hand, object_, step=GRID_S)
         self._tube = Tube.of(plan, hand)
         grid = self._follow
         self._held = np.zeros(len(grid.t), dtype=bool)
@@ -124,16 +124,16 @@ class Correction:
         row = self._row(t)
         if seen is not None:
             self._learn(t, seen)
-        lost = t - self._last_look > LOST_S
+        lost = t - self._last_look > BLIND_S
         self._lost_s += dt * lost
-        self._believed = float(np.clip(self._believed + (-FADE if lost else FADE) * dt, 0.0, 1.0))
+        self._believed = float(np.clip(self._believed + (-FADE_RATE_PER_S if lost else FADE_RATE_PER_S) * dt, 0.0, 1.0))
         if not self._believed:
             self._error = np.zeros(6)  # what was seen before the sensor was lost says nothing any more
         error, drifts = self._believed * self._within(row), np.zeros(6)
         moved, before = np.zeros(6), self._dq
         if self._held[row]:
             drifts[:3] = self._drift * self._turning[row]
-            moved = np.clip(-GAIN * error - self._believed * drifts, -FASTEST, FASTEST) * dt
+            moved = np.clip(-CORRECTION_RATE_PER_S * error - self._believed * drifts, -TWIST_LIMIT, TWIST_LIMIT) * dt
         self._saturated = False
         wanted, moved = self._hold(row, moved, dt)
         self._error = self._error + moved + drifts * dt
@@ -163,12 +163,12 @@ class Correction:
         )
 
     def _row(self, t: float) -> int:
-        return int(min(max(round(t / GRID), 0), len(self._follow.t) - 1))
+        return int(min(max(round(t / GRID_S), 0), len(self._follow.t) - 1))
 
     def _learn(self, t: float, seen: PoseSeen) -> None:
         """Takes in a look: compares it with the plan, and with what was thought, when it was taken."""
         slot = int(np.argmin(np.abs(self._times - seen.t)))
-        if self._tick and abs(self._times[slot] - seen.t) > 2 * GRID and seen.t < self._times[slot]:
+        if self._tick and abs(self._times[slot] - seen.t) > 2 * GRID_S and seen.t < self._times[slot]:
             return  # older than memory goes back
         row = self._row(seen.t)
         X, R_WO = seen.X_WO, self._follow.X_WO[row, :3, :3]
@@ -180,17 +180,17 @@ class Correction:
             self._error, self._since = np.zeros(6), 0
         self._since += 1
         w = self._turning[row]
-        clear = 1 / (1 + float(w @ w) * (TIMING_S / NOISE) ** 2)
-        share = clear * max(TRUST, 1 / self._since)  # the mean of the first looks
+        clear = 1 / (1 + float(w @ w) * (TIMING_S / NOISE_RAD) ** 2)
+        share = clear * max(TRUST_SHARE, 1 / self._since)  # the mean of the first looks
         self._error = self._error + share * news
         self._thought += share * news
         if self._held[row]:
-            learnt = self._drift + clear * LEARN * (news[:3] @ w) / (w @ w + _SLOW**2)
-            self._drift = float(np.clip(learnt, -MOST_DRIFT, MOST_DRIFT))
+            learnt = self._drift + clear * DRIFT_GAIN * (news[:3] @ w) / (w @ w + _SLOW**2)
+            self._drift = float(np.clip(learnt, -DRIFT_LIMIT, DRIFT_LIMIT))
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:
-        """The error as far as it can be told from noise, and is corrected in this part."""
+        """The error as far as it can be distinguished from noise, and is corrected in this part."""
         most = self._tube.turn[self._follow.part[row]]
         out = self._error.copy()
         for part, unsure, at_most in ((slice(0, 3), UNSURE_RAD, most), (slice(3, 6), UNSURE_M, np.inf)):
@@ -202,7 +202,7 @@ class Correction:
         """Fingers that touch carry the object along a small twist, or along what of it the tube allows.
 
         Returns:
-            The correction (nq,) and the twist (6,) that it stands for.
+            The correction (nq,) and the twist (6,) that it represents.
         """
         if not moved.any():
             return self._dq, moved
@@ -256,7 +256,7 @@ class Correction:
         share = np.repeat(np.minimum(share, 1.0), self._count)
         self._saturated |= bool(np.any((share < 1.0) & (free > 0)))
         most = self._speed[row] * dt
-        return dq + np.clip(free * (1 - np.exp(-LANDING * dt)) * (share * target - dq), -most, most)
+        return dq + np.clip(free * (1 - np.exp(-LANDING_RATE_PER_S * dt)) * (share * target - dq), -most, most)
 
     def _bounds(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         part = self._follow.part[row]

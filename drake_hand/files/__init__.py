@@ -152,7 +152,7 @@ def require_folder(path: Path) -> None:
 
     Raises:
         InputError: it is a folder.
-        MissingFile: its folder is missing: made by nobody, it is more often a slip of the pen than a wish.
+        MissingFile: its folder is missing, which is more often a typing error than a wish.
     """
     if path.is_dir():
         raise InputError("this is a folder", file=path, found="a folder", expected="the name of a file")

@@ -107,7 +107,7 @@ def _inside(type_: Any, step: str) -> Any:
 
 
 def _culprit(found: Any, type_: Any) -> str:
-    """The key of a mapping whose value is wrong; msgspec does not tell it."""
+    """The key of a mapping whose value is wrong; msgspec does not name it."""
     for key, value in found.items():
         try:
             msgspec.convert(value, _inside(type_, key))

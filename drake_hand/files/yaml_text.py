@@ -21,7 +21,8 @@ class _Loader(yaml.SafeLoader):
         seen = set()
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(None, None, f"a key is a {key_node.id}", key_node.start_mark)
+                kind = "list" if isinstance(key_node, yaml.SequenceNode) else "mapping"
+                raise yaml.MarkedYAMLError(None, None, f"a key is a {kind}", key_node.start_mark)
             key = self.construct_object(key_node, deep=True)
             if key in seen:
                 raise yaml.MarkedYAMLError(None, None, f"key '{key}' given twice", key_node.start_mark)
@@ -33,7 +34,7 @@ def parse_yaml(text: str) -> Any:
     """The data in a YAML text.
 
     Raises:
-        InputError: not YAML, a key given twice or no name, an anchor that holds itself; with the line.
+        InputError: not YAML, a key given twice or no name, an anchor that contains itself; with the line.
     """
     line, found = None, ""
     try:
@@ -76,7 +77,7 @@ def _values(node: yaml.Node, above: set[int], known: dict[int, int]) -> int:
     if isinstance(node, yaml.ScalarNode):
         return 1
     if id(node) in above:
-        raise yaml.MarkedYAMLError(None, None, "an anchor holds itself", node.start_mark)
+        raise yaml.MarkedYAMLError(None, None, "an anchor contains itself", node.start_mark)
     if id(node) not in known:
         inner = node.value if isinstance(node, yaml.SequenceNode) else [n for pair in node.value for n in pair]
         known[id(node)] = 1 + sum(_values(n, above | {id(node)}, known) for n in inner)

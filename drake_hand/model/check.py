@@ -15,7 +15,7 @@ from drake_hand.errors import InputError
 from drake_hand.files import require_folder, resolve, write_atomic
 from drake_hand.model.fingertip import Fingertip
 from drake_hand.model.hand import Hand
-from drake_hand.model.hand_file import SUFFIX
+from drake_hand.model.hand_file import HAND_SUFFIX
 from drake_hand.model.plant import SHANK
 from drake_hand.model.propose import Proposal, propose_hand
 from drake_hand.model.scene import Scene
@@ -129,8 +129,8 @@ def write_proposal(file: Path, output: Path) -> Proposal:
     Raises:
         InputError: the URDF cannot be used, or `output` has another suffix or exists.
     """
-    if not output.name.endswith(SUFFIX):
-        raise InputError("wrong name of a hand file", key="--output", found=output.name, expected=f"*{SUFFIX}")
+    if not output.name.endswith(HAND_SUFFIX):
+        raise InputError("wrong name of a hand file", key="--output", found=output.name, expected=f"*{HAND_SUFFIX}")
     if output.exists():
         raise InputError("will not overwrite", file=output, key="--output", found="a file", expected="a new file")
     require_folder(output)

@@ -1,4 +1,4 @@
-"""`Fingertip`: which shapes of a finger's last body its sphere stands for, how well, and what is left of them.
+"""`Fingertip`: which shapes of a finger's last body its sphere replaces, how well, and what is left of them.
 
 The sphere of the hand file takes the place of the shapes around it, on whichever link of the rigid body they are. What
 of these shapes lies behind the sphere, or sticks out of it on the nail's side, stays: as pieces that count as link,
@@ -33,7 +33,7 @@ _HIDES = 1.0e-3
 _CAP = 0.012
 """m; how much of a fingertip's end counts when its sphere is guessed."""
 _SMALLEST, _ROUNDS = 2.0e-3, 5
-"""Least radius of a guessed sphere, m, and how often the part that can touch is chosen anew while it is fitted."""
+"""Least radius of a guessed sphere, m, and how often the part that can touch is chosen again while it is fitted."""
 _SAMPLES = 1500
 """Points on each shape by which the fit is judged."""
 
@@ -43,13 +43,13 @@ class Fingertip:
     """The end of one finger."""
 
     replaced: frozenset[tuple[str, int]]
-    """Collision elements that the sphere and `rest` stand for: link, and which of its elements."""
+    """Collision elements that the sphere and `rest` replace: link, and which of its elements."""
     rest: tuple[Geometry, ...]
     """What is left of them, in the tip link's frame."""
     error: float
     """Largest distance between the sphere and the shapes where they can touch, m; 0 where there are none."""
     sticks_out: float
-    """How far shapes stick out of the sphere that neither it nor `rest` stands for, m."""
+    """How far shapes stick out of the sphere that neither it nor `rest` replaces, m."""
 
     @classmethod
     def of(cls, hand: Hand, finger: Finger) -> Fingertip:

@@ -21,7 +21,7 @@ Pieces = Callable[[Path, tuple[float, float, float]], Sequence[tuple[np.ndarray,
 """From a mesh file and its scale to convex pieces: (V, 3) vertices and (F, 3) outward faces of each."""
 
 
-SHARP = np.radians(30.0)
+SHARP_EDGE_RAD = np.radians(30.0)
 """Edges of meshes at which the surface turns by less are the facets of something smooth."""
 
 
@@ -54,13 +54,13 @@ class Geometry:
 
     @cached_property
     def sharp_edges(self) -> np.ndarray:
-        """(E, 2, 3) ends in G of a mesh's edges at which its surface turns by `SHARP` or more."""
+        """(E, 2, 3) ends in G of a mesh's edges at which its surface turns by `SHARP_EDGE_RAD` or more."""
         if self.kind != "mesh":
             return np.zeros((0, 2, 3))
         import trimesh
 
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
-        return self.vertices[mesh.face_adjacency_edges[mesh.face_adjacency_angles >= SHARP]].reshape(-1, 2, 3)
+        return self.vertices[mesh.face_adjacency_edges[mesh.face_adjacency_angles >= SHARP_EDGE_RAD]].reshape(-1, 2, 3)
 
     @cached_property
     def box_O(self) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from drake_hand.errors import InputError, nearest
 from drake_hand.files import load, resolve, sha256
 from drake_hand.model.closing import Closing, closing_of
-from drake_hand.model.hand_file import SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
+from drake_hand.model.hand_file import HAND_SUFFIX, FingerSpec, HandSpec, JointSpec, PadSpec
 from drake_hand.model.html import html_table
 from drake_hand.model.urdf import Urdf
 
@@ -22,7 +22,7 @@ _ROOM = 0.1
 _LONGEST = 3.0
 """m; from palm to tip along a finger's joints."""
 
-__all__ = ["SUFFIX", "Axis", "Finger", "Hand", "HandSpec", "PadSpec"]
+__all__ = ["HAND_SUFFIX", "Axis", "Finger", "Hand", "HandSpec", "PadSpec"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +152,7 @@ class Hand:
         Raises:
             InputError: file, key, found and expected of the first thing that is wrong.
         """
-        file = resolve(ref, "hands", SUFFIX, beside=beside)
+        file = resolve(ref, "hands", HAND_SUFFIX, beside=beside)
         spec = load(file, HandSpec)
         urdf = Urdf.load(resolve(spec.urdf, "hands", ".urdf", beside=file))
         return cls.build(spec, urdf, file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-SUFFIX = ".hand.yaml"
+HAND_SUFFIX = ".hand.yaml"
 
 
 class TipSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True, omit_defaults=True):

@@ -12,7 +12,7 @@ from drake_hand.model.geometry import Geometry
 TOUCH = 1e-4
 """So near the plane, up or down, an object lies on it, m."""
 _RIM = 16
-"""Points of a disc's rim that stand for it."""
+"""Points of a disc's rim that represent it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -199,7 +199,7 @@ def _joint(j: Any, links: tuple[str, ...], file: Path) -> Joint:
 
 
 def _root(links: tuple[str, ...], joints: dict[str, Joint], file: Path) -> str:
-    """The one link that is nobody's child."""
+    """The one link that is no link's child."""
     children = [j.child for j in joints.values()]
     roots = [link for link in links if link not in children]
     if len(roots) != 1:

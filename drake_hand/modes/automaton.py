@@ -86,7 +86,7 @@ class Automaton:
         return Predicate(name=f"inv({mode})", clauses=(c.within_limits(), *tips, c.no_penetration()))
 
     def contact(self, mode: Mode) -> Predicate:
-        """What contacts ask of velocities relative to the object: none if rolling, none along the normal if sliding."""
+        """What contacts demand of velocities over the object: none if rolling, none along the normal if sliding."""
         pairs = zip(self.fingers, mode.submodels, strict=True)
         return Predicate(name=f"contact({mode})", clauses=tuple(self._velocity(f, s) for f, s in pairs if s.touches))
 

@@ -25,7 +25,7 @@ class Clauses:
     model: Literal["rolling", "pivot"]
 
     def at_rest(self) -> tuple[Clause, ...]:
-        """Hand and object stand still."""
+        """Hand and object are at rest."""
         rest, name = TOLERANCES["rest_speed_rad_s"], self.object_name
         return (
             Clause("hand at rest", "max |v|", "<=", rest, "deg/s", lambda s: s.speed),

@@ -31,7 +31,7 @@ MINIMUM_DISTANCE = "minimum distance"
 
 @dataclass(frozen=True, kw_only=True)
 class IkOptions:
-    """What is asked beyond the mode itself."""
+    """What is required beyond the mode itself."""
 
     clearance: float = 5e-4
     """Between all pairs but fingertips in contact and the object, m."""

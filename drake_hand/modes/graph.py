@@ -14,9 +14,9 @@ from drake_hand.files import write_atomic
 from drake_hand.modes.code import Mode, all_modes, contact_counts
 from drake_hand.modes.switch import switches
 
-FORMATS = ("svg", "png", "pdf")
+GRAPH_FORMATS = ("svg", "png", "pdf")
 MOST_FINGERS = 6
-SPACING = 0.46
+NODE_SPACING = 0.46
 """Between neighbours on a ring, inches."""
 RING_GAP = 1.05
 """Between rings at least, inches: room to tell the edges apart."""
@@ -24,11 +24,11 @@ MARGIN, HEADER = 0.7, 0.8
 """Around the rings and above them, inches."""
 FILLS = ("#ffffff", "#b5d6f2", "#f9d9a8")
 """Of a mode without contact, with rolling contacts only, with sliding ones."""
-EDGE, BEFORE, AFTER = "#a0a0a0", "#c0392b", "#2471a3"
+EDGE_COLOUR, BEFORE_COLOUR, AFTER_COLOUR = "#a0a0a0", "#c0392b", "#2471a3"
 
 
 def layout(n: int) -> tuple[dict[Mode, np.ndarray], list[float]]:
-    """Where the modes stand: one ring per number of fingers in contact, the mode without any in the middle.
+    """Where the modes are drawn: one ring per number of fingers in contact, the mode without any in the middle.
 
     Returns:
         Position (2,) of every mode and the radius of every ring, in inches. Neighbours on a ring share which
@@ -36,7 +36,7 @@ def layout(n: int) -> tuple[dict[Mode, np.ndarray], list[float]]:
     """
     radii = [0.0]
     for count in contact_counts(n)[1:]:
-        radii.append(max(radii[-1] + RING_GAP, count * SPACING / math.tau))
+        radii.append(max(radii[-1] + RING_GAP, count * NODE_SPACING / math.tau))
     places: dict[Mode, np.ndarray] = {}
     for k, radius in enumerate(radii):
         ring = sorted((m for m in all_modes(n) if len(m.touching) == k), key=lambda m: (m.touching, m))
@@ -59,8 +59,10 @@ def draw(path: Path, fingers: Sequence[str], *, title: str, highlight: Mode | No
         InputError: the suffix is none of these, or the hand has too many fingers to be drawn.
     """
     suffix = path.suffix.removeprefix(".").lower()
-    if suffix not in FORMATS:
-        raise InputError("cannot draw this kind of file", file=path, found=path.suffix, expected=", ".join(FORMATS))
+    if suffix not in GRAPH_FORMATS:
+        raise InputError(
+            "cannot draw this kind of file", file=path, found=path.suffix, expected=", ".join(GRAPH_FORMATS)
+        )
     n = len(fingers)
     if n > MOST_FINGERS:
         raise InputError(
@@ -79,7 +81,7 @@ def draw(path: Path, fingers: Sequence[str], *, title: str, highlight: Mode | No
     axes.set_axis_off()
 
     edges = [(places[mode], places[s.after]) for mode in places for s in switches(mode, fingers) if mode < s.after]
-    axes.add_collection(LineCollection(edges, colors=EDGE, linewidths=0.35, alpha=0.55, zorder=1))
+    axes.add_collection(LineCollection(edges, colors=EDGE_COLOUR, linewidths=0.35, alpha=0.55, zorder=1))
     for k, radius in enumerate(radii[1:], start=1):
         axes.add_patch(Circle((0, 0), radius, fill=False, color="#707070", linewidth=0.6, linestyle=":", zorder=2))
         label = f"{k} finger{'s' if k > 1 else ''}: {contact_counts(n)[k]} modes"
@@ -87,9 +89,9 @@ def draw(path: Path, fingers: Sequence[str], *, title: str, highlight: Mode | No
     strong = {s.after for s in switches(highlight, fingers)} if highlight else set()
     if highlight:
         lines = [(places[highlight], places[after]) for after in strong]
-        axes.add_collection(LineCollection(lines, colors=AFTER, linewidths=1.6, zorder=3))
+        axes.add_collection(LineCollection(lines, colors=AFTER_COLOUR, linewidths=1.6, zorder=3))
     for mode, (x, y) in places.items():
-        outline = BEFORE if mode == highlight else AFTER if mode in strong else "#606060"
+        outline = BEFORE_COLOUR if mode == highlight else AFTER_COLOUR if mode in strong else "#606060"
         width = 0.5 if mode != highlight and mode not in strong else 2.0
         fill = FILLS[max(mode.submodels)]
         box = {"boxstyle": "round,pad=0.22", "facecolor": fill, "edgecolor": outline, "linewidth": width}

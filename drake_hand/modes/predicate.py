@@ -58,7 +58,7 @@ class Clause:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What one clause came to."""
+    """The outcome of one clause."""
 
     clause: Clause
     value: float
@@ -87,7 +87,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What a predicate came to in one situation; true where all clauses hold."""
+    """The outcome of a predicate in one situation; true where all clauses hold."""
 
     predicate: str
     findings: tuple[Finding, ...]

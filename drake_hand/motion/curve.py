@@ -39,7 +39,7 @@ class RateLimits:
 
     @classmethod
     def of(cls, path: Path) -> RateLimits:
-        """The hand's limits; the object's inertia goes with the mass the task gives it."""
+        """The hand's limits; the object's inertia is scaled to the mass that the task gives it."""
         body = path.object
         mass = path.task.physics.object_mass_kg or body.mass
         speed, acceleration = path.hand.speed, path.hand.acceleration
@@ -72,7 +72,7 @@ class Curve:
         self.moves = bool(np.ptp(x, axis=0).max() > 1e-9)
 
     def coordinates(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Joints, unit quaternion and position (k, nq + 7), their derivatives in s, and what goes with contacts.
+        """Joints, unit quaternion and position (k, nq + 7), their derivatives in s, and the quantities of the contacts.
 
         That is ``p_OP <finger>``, ``f_W <finger>`` (k, 3) and ``q_offset`` (k, nq), those the leg has. Forces are
         linear between the leg's knots: that keeps them inside their cones and in balance.

@@ -13,7 +13,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.motion.curve import linear
 from drake_hand.plans.path import Leg
 
-ROUNDED = 2.5e-4
+ROUNDING_M = 2.5e-4
 """How far a fingertip may leave its path where corners are rounded, m: less than the clearance of paths."""
 _WIDEST = np.radians(8.0)
 """Way of the joints over which a corner is rounded at most."""
@@ -51,7 +51,7 @@ def _kind(leg: Leg) -> str:
 
 
 def _together(dwells: list[Leg]) -> list[Leg]:
-    """Dwells in pairs at once: at one pose, what one changes and what the other changes add up, and balance as well."""
+    """Dwells in pairs at the same time: at one pose, the changes of forces of both add up, and balance as well."""
     out = []
     for pair in (dwells[i : i + 2] for i in range(0, len(dwells), 2)):
         first, last = pair[0], pair[-1]
@@ -74,7 +74,7 @@ def _joined(legs: list[Leg], hand: Hand) -> Leg:
         n = max(6, int(np.ceil(way[-1] / width)))
         control = linear(np.linspace(0.0, way[-1], n + 1), way, q)
         curve = _uniform(control)
-        if _moved(hand, curve(_greville(curve)), control) <= ROUNDED:
+        if _moved(hand, curve(_greville(curve)), control) <= ROUNDING_M:
             break
         width /= 2
     s = np.linspace(0.0, 1.0, _KNOTS * n + 1)

@@ -12,17 +12,17 @@ from scipy.interpolate import PPoly
 if TYPE_CHECKING:
     from pydrake.multibody.plant import MultibodyPlant
 
-BLEND = 0.25
+BLEND_SHARE = 0.25
 """Share of the duration that each of the two parabolic blends takes."""
-GRID = 201
+GRID_POINTS = 201
 """Grid points of the time-optimal law."""
 
 
 def parabolic() -> PPoly:
     """Linear with parabolic blends (Craig, Introduction to Robotics, ch. 7), over one second."""
-    ds = 1 / (1 - BLEND)
-    a, s1 = ds / BLEND, ds * BLEND / 2
-    return PPoly([[a / 2, 0.0, -a / 2], [0.0, ds, ds], [0.0, s1, 1 - s1]], [0.0, BLEND, 1 - BLEND, 1.0])
+    ds = 1 / (1 - BLEND_SHARE)
+    a, s1 = ds / BLEND_SHARE, ds * BLEND_SHARE / 2
+    return PPoly([[a / 2, 0.0, -a / 2], [0.0, ds, ds], [0.0, s1, 1 - s1]], [0.0, BLEND_SHARE, 1 - BLEND_SHARE, 1.0])
 
 
 def smooth() -> PPoly:
@@ -37,7 +37,7 @@ def stretched(law: PPoly, factor: float) -> PPoly:
 
 
 def optimal(path: Callable[[np.ndarray], np.ndarray], speed: np.ndarray, acceleration: np.ndarray) -> PPoly | None:
-    """The quickest law by reachability analysis (Pham & Pham 2018), exact at grid points only: check it in between.
+    """The fastest law by reachability analysis (Pham & Pham 2018), exact only at grid points: check it in between.
 
     Args:
         path: (m,) values of s in [0, 1] to (m, k) coordinates.
@@ -50,7 +50,7 @@ def optimal(path: Callable[[np.ndarray], np.ndarray], speed: np.ndarray, acceler
     from pydrake.multibody.optimization import Toppra
     from pydrake.trajectories import PiecewisePolynomial
 
-    s = np.linspace(0.0, 1.0, GRID)
+    s = np.linspace(0.0, 1.0, GRID_POINTS)
     spline = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(s, path(s).T)
     toppra = Toppra(spline, _sliders(len(speed)), s)
     speed, acceleration = np.minimum(speed, 1e6), np.minimum(acceleration, 1e6)

@@ -25,8 +25,8 @@ RAMP_S = 0.3
 """Duration of a leg in which only forces change, s."""
 FAST_RAMP_S = 0.06
 """The same with ``timing: fast``, s: three times what a pad or a servo takes to settle."""
-SLOWER = 1.1
-"""Factor by which a leg is slowed down at a time until the contacts bear it."""
+SLOWDOWN = 1.1
+"""Factor by which a leg is slowed down, repeatedly, until the contacts bear it."""
 
 _GRID = 201
 _JOINTS, _POSE = 5e-6, 5e-7
@@ -113,7 +113,7 @@ class _Timed:
         return replace(self, law=laws.stretched(self.law, factor))
 
     def excess(self) -> float:
-        """The factor by which its duration is too short; below 1 it could be quicker."""
+        """The factor by which its duration is too short; below 1 it could be faster."""
         breaks = self.law.x
         # both sides of every break, where the acceleration of s jumps
         t = np.unique(np.concatenate([np.linspace(0.0, breaks[-1], 2 * _GRID), breaks, breaks[1:] - 1e-12]))
@@ -125,7 +125,7 @@ class _Timed:
         return float(max(speed, np.sqrt(acceleration)))
 
     def rows(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Joints and pose, their rates, and what goes with the contacts, a row per time."""
+        """Joints and pose, their rates, and the quantities of the contacts, a row per time."""
         s, ds = np.clip(self.law(t), 0.0, 1.0), self.law(t, 1)
         x, dx, contacts = self.curve.coordinates(s)
         if self.inertia:
@@ -171,7 +171,7 @@ class _Timed:
 
 
 def _time(curve: Curve, optimal: bool) -> _Timed:
-    """A leg on its quickest law within the limits."""
+    """A leg on its fastest law within the limits."""
     if not curve.moves:
         return _Timed(curve=curve, law=PPoly([[1 / RAMP_S], [0.0]], [0.0, RAMP_S]))
     limits = curve.limits
@@ -181,7 +181,7 @@ def _time(curve: Curve, optimal: bool) -> _Timed:
 
 
 def _fast(curve: Curve, path: Path, scene: Scene) -> _Timed:
-    """A leg on a law as quick as limits, friction and the fingers' own inertia allow."""
+    """A leg on a law as fast as limits, friction and the fingers' own inertia allow."""
     if not curve.moves:
         return _Timed(curve=curve, law=PPoly([[1 / FAST_RAMP_S], [0.0]], [0.0, FAST_RAMP_S]))
     if not curve.leg.f_W or not np.ptp(curve.leg.X_WO, axis=0).any():
@@ -191,7 +191,7 @@ def _fast(curve: Curve, path: Path, scene: Scene) -> _Timed:
     timed = timed.stretched(timed.excess())
     timed = timed.stretched(max(1.0, np.sqrt(inertia.own(timed.law) / OWN_N)))
     while not inertia.bearable(timed.law):
-        timed = timed.stretched(SLOWER)
+        timed = timed.stretched(SLOWDOWN)
     return timed
 
 

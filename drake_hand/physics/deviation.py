@@ -1,4 +1,4 @@
-"""How far what happened is from what was planned: pose errors and slip of contacts. Numpy only."""
+"""Deviations from the plan: pose errors and slip of contacts. Numpy only."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def slips(t: np.ndarray, X_WO: np.ndarray, slip_W: np.ndarray, part: np.ndarray,
         X_WO: (k, 4, 4) object poses then.
         slip_W: (k, fingers, 3) velocity of the tip's surface over the object's, m/s.
         part: (k,) the plan's part then.
-        plan: tells which contacts roll.
+        plan: says which contacts roll.
     """
     out = []
     modes = [Mode.parse(code, plan.fingers) for code in plan.modes]

@@ -1,4 +1,4 @@
-"""What the engines have in common: `Engine`, what is not as planned in a run, and what fingertips do to the object."""
+"""What the engines have in common: `Engine`, perturbations of a run, and the forces of fingertips on the object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EngineName = Literal["drake", "mujoco"]
 
 @dataclass(frozen=True, kw_only=True)
 class PushForce:
-    """A force that comes once in a run, from any side, while the plan is played. A short one is a tap."""
+    """A force that acts once in a run, from any side, while the plan is played. A short one is a tap."""
 
     push_n: float = 2.0
     """How hard."""
@@ -28,12 +28,12 @@ class PushForce:
     def __post_init__(self) -> None:
         for key, value, most in (("push_n", self.push_n, 100.0), ("push_ms", self.push_ms, 1000.0)):
             if not 0.0 < value <= most:
-                raise InputError("nothing pushes like this", key=key, found=value, expected=f"above 0 to {most:g}")
+                raise InputError("not a possible push", key=key, found=value, expected=f"above 0 to {most:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Perturbation:
-    """What is not as planned in a run."""
+    """How a run deviates from the plan."""
 
     friction: float = 1.0
     """Factor."""

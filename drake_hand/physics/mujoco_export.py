@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.files import write_atomic
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
-from drake_hand.physics.mujoco_model import OBJECT, STEP, build_model, controls, put
+from drake_hand.physics.mujoco_model import MUJOCO_STEP_S, OBJECT_NAME, build_model, controls, put
 from drake_hand.physics.pads import pad_stiffness
 from drake_hand.physics.replay import commands
 from drake_hand.plans.holds import free_windows
@@ -21,13 +21,13 @@ from drake_hand.plans.trajectory import Trajectory
 
 FIXTURE = "fixture"
 """Name of the weld that holds the object until the grasp is complete."""
-START = "start"
+START_KEY = "start"
 """Name of the keyframe."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MujocoExport:
-    """What it takes to replay a plan in MuJoCo."""
+    """Everything needed to replay a plan in MuJoCo."""
 
     xml: str
     """The model (MJCF). Its weld `fixture` is active; it holds the object where it starts, to about 0.1 mm. There is
@@ -62,24 +62,24 @@ def export_mujoco(plan: Plan) -> MujocoExport:
     trajectory = Trajectory(plan)
     first = trajectory.at(0.0)
     X_WO = first.X_WO[0]
-    thing = spec.body(OBJECT)  # a weld holds bodies as they stand in the model
+    thing = spec.body(OBJECT_NAME)  # a weld holds bodies as they stand in the model
     thing.pos, thing.quat = X_WO[:3, 3], np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)
     if plan.task.table is None:
         spec.add_equality(
             name=FIXTURE,
             type=mujoco.mjtEq.mjEQ_WELD,
             objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1=OBJECT,
+            name1=OBJECT_NAME,
             name2="world",
-            solref=[2 * STEP, 1.0],
+            solref=[2 * MUJOCO_STEP_S, 1.0],
             solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0],
         )
     model = spec.compile()
-    t = np.arange(0.0, plan.duration, STEP)
+    t = np.arange(0.0, plan.duration, MUJOCO_STEP_S)
     ctrl = controls(hand, commands(trajectory), t)
     qpos = np.zeros(model.nq)
     put(model, qpos, hand, first.q[0], X_WO)
-    spec.add_key(name=START, qpos=qpos, ctrl=ctrl[0])
+    spec.add_key(name=START_KEY, qpos=qpos, ctrl=ctrl[0])
     spec.compile()
     return MujocoExport(xml=spec.to_xml(), t=t, ctrl=ctrl, free=np.array(free_windows(plan)), joints=list(hand.joints))
 

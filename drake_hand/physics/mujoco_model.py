@@ -16,13 +16,13 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import Table
 from drake_hand.physics.engine import joint_values
 
-STEP = 1.0e-3
+MUJOCO_STEP_S = 1.0e-3
 """Time step, s."""
-OBJECT = "object"
+OBJECT_NAME = "object"
 """Name of the object's body and free joint."""
 TABLE = "table"
 """Name of the plane it may lie on."""
-ROLLING = 5.0e-5
+ROLLING_LEVER_M = 5.0e-5
 """Lever of the table's rolling resistance, m: what rolls on it at a millimetre a second stops at once, as on wood."""
 IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
@@ -33,9 +33,9 @@ MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRAT
 under a tangential force T. At 10, which models of hands often have, these pads creep at 1 mm/s per newton, which no pad
 does: what fingers press against each other with bleeds away in seconds (google-deepmind/mujoco, issue 3328).
 """
-_STIFF = {"solref": [2 * STEP, 1.0], "solimp": [0.95, 0.99, 1e-3, 0.5, 2.0]}
+_STIFF = {"solref": [2 * MUJOCO_STEP_S, 1.0], "solimp": [0.95, 0.99, 1e-3, 0.5, 2.0]}
 """Contacts of anything but a fingertip with the object."""
-_COUPLED = {"solref": [2 * STEP, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]}
+_COUPLED = {"solref": [2 * MUJOCO_STEP_S, 1.0], "solimp": [0.999, 0.9999, 1e-3, 0.5, 2.0]}
 """Couplings of joints."""
 
 
@@ -51,8 +51,8 @@ def build_model(
 ) -> mujoco.MjSpec:
     """The model, ready to compile.
 
-    The palm stands on the world, frame on frame. Servos are position actuators in the hand's order; told
-    q + D / K v they do what Drake's do, which are told q and v. The same pairs of links collide as in Drake.
+    The palm is fixed to the world, frame on frame. Servos are position actuators in the hand's order; commanded to
+    q + D / K v they do what Drake's do at q and v. The same pairs of links collide as in Drake.
 
     Args:
         hand: links, joints, servos.
@@ -69,7 +69,7 @@ def build_model(
     spec.compiler.degree = False
     spec.compiler.autolimits = False
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.option.timestep = STEP
+    spec.option.timestep = MUJOCO_STEP_S
     spec.option.gravity = np.asarray(gravity, dtype=float)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -82,15 +82,15 @@ def build_model(
         ready = next(joint for joint in waiting if int(joint.parent_body().index()) in bodies)
         _add_link(bodies, scene, ready)
         waiting.remove(ready)
-    thing = spec.worldbody.add_body(name=OBJECT)
-    thing.add_freejoint(name=OBJECT)
+    thing = spec.worldbody.add_body(name=OBJECT_NAME)
+    thing.add_freejoint(name=OBJECT_NAME)
     bodies[int(scene.object_body.index())] = thing
     _set_inertia(thing, scene.object_body.default_spatial_inertia())
     tips = {f.tip_link: i for i, f in enumerate(hand.fingers)}
     _add_shapes(spec, bodies, scene, friction, tips, hand.pad.torsion_radius_mm * 1e-3)
     if table is not None:
         plane = spec.worldbody.add_geom(
-            name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, ROLLING], condim=6, **_STIFF
+            name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, ROLLING_LEVER_M], condim=6, **_STIFF
         )
         plane.size[2] = 1.0
         for key, value in _place(RigidTransform(table.X_WT)).items():
@@ -113,14 +113,14 @@ def put(model: mujoco.MjModel, qpos: np.ndarray, hand: Hand, q: np.ndarray, X_WO
     """Writes commanded joints q (nq,) and the object's pose (4, 4) into positions of a model."""
     for name, value in joint_values(hand, q).items():
         qpos[model.joint(name).qposadr[0]] = value
-    start = model.joint(OBJECT).qposadr[0]
+    start = model.joint(OBJECT_NAME).qposadr[0]
     qpos[start : start + 7] = [*X_WO[:3, 3], *np.roll(Rotation.from_matrix(X_WO[:3, :3]).as_quat(), 1)]
 
 
 def controls(hand: Hand, commands: PiecewisePolynomial, t: np.ndarray, *, stiffness: float = 1.0) -> np.ndarray:
-    """(k, nq) what position actuators are told at times t (k,) so that they follow commands as Drake's servos do.
+    """(k, nq) commands of position actuators at times t (k,) so that they follow commands as Drake's servos do.
 
-    A servo of MuJoCo's is told no speed; D / K of the commands' rates more makes its damping follow them.
+    MuJoCo's servos take no speed; adding D / K times the commands' rates makes their damping follow them.
 
     Args:
         hand: with servo gains.
@@ -248,7 +248,7 @@ def _soften(spec: mujoco.MjSpec, hand: Hand, pad_stiffness: np.ndarray, relaxati
     "Computation: Parameters").
     """
     model = spec.compile()
-    thing = model.body(OBJECT).invweight0[0]
+    thing = model.body(OBJECT_NAME).invweight0[0]
     for finger, name, k in zip(hand.fingers, tip_shapes(hand), pad_stiffness, strict=True):
         A = model.body(finger.tip_link).invweight0[0] + thing
         stiffness = k * (1 - IMPEDANCE) * A

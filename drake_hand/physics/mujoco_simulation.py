@@ -10,10 +10,10 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.table import Table
 from drake_hand.physics.engine import Perturbation, Touch
-from drake_hand.physics.mujoco_model import OBJECT, STEP, TABLE, build_model, controls, put, tip_shapes
+from drake_hand.physics.mujoco_model import MUJOCO_STEP_S, OBJECT_NAME, TABLE, build_model, controls, put, tip_shapes
 
 _HELD = 1.0e6
-"""Inertia (kg, kg m^2) added to the object while the fixture has it: it then stands still, whatever pushes it."""
+"""Inertia (kg, kg m^2) added to the object while the fixture has it: it then stays where it is, whatever pushes it."""
 
 
 class MujocoSimulation:
@@ -63,18 +63,18 @@ class MujocoSimulation:
         model.actuator_gainprm[:, 0] *= change.stiffness
         model.actuator_biasprm[:, 1] *= change.stiffness
         self.data = mujoco.MjData(model)
-        times = np.arange(commands.start_time(), commands.end_time(), STEP)
+        times = np.arange(commands.start_time(), commands.end_time(), MUJOCO_STEP_S)
         self._ctrl = controls(hand, commands, times, stiffness=change.stiffness)
         self._start, self._done = commands.start_time(), 0
         self._dq = np.zeros(hand.nq)
         self._columns = np.array([model.joint(name).qposadr[0] for name in hand.joints])
-        thing = model.joint(OBJECT)
+        thing = model.joint(OBJECT_NAME)
         self._pose, self._dofs = (
             slice(thing.qposadr[0], thing.qposadr[0] + 7),
             slice(thing.dofadr[0], thing.dofadr[0] + 6),
         )
         self._M0 = model.dof_M0[self._dofs].copy()
-        self._body = model.body(OBJECT).id
+        self._body = model.body(OBJECT_NAME).id
         self._finger = {model.geom(name).id: i for i, name in enumerate(tip_shapes(hand))}
         self._table = model.geom(TABLE).id if table else None
         self._tips = [model.body(finger.tip_link).id for finger in hand.fingers]
@@ -97,7 +97,7 @@ class MujocoSimulation:
         Raises:
             RuntimeError: the simulation became unstable.
         """
-        until = round((t - self._start) / STEP)
+        until = round((t - self._start) / MUJOCO_STEP_S)
         for k in range(self._done, until):
             self.data.ctrl[:] = self._ctrl[min(k, len(self._ctrl) - 1)] + self._dq
             mujoco.mj_step(self.model, self.data)

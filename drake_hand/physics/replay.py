@@ -1,4 +1,4 @@
-"""One run: a plan's commands played into physics, and what became of the object."""
+"""One run: a plan's commands played in physics, and what happened to the object."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ from drake_hand.physics.run import Record, SimulatedRun, judge
 from drake_hand.physics.simulation import ContactKind, DrakeSimulation
 from drake_hand.plans.holds import free_windows, hold_windows
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.tolerances import DROPPED_MM
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
 
-DROPPED_MM = 30.0
-"""So far from the plan the object has left the hand."""
-SETTLE = 0.3
+REST_S = 0.3
 """s before the plan starts, and after it ends, for what swings to come to rest, or fall."""
-SAMPLE = 5.0e-3
+SAMPLE_S = 5.0e-3
 """s between samples."""
 
 
@@ -46,7 +45,7 @@ def replay(
         plan: the plan.
         perturbation: what is not as planned.
         engine: whose physics.
-        contact: how fingertips yield in Drake; MuJoCo's have a way of their own.
+        contact: how fingertips yield in Drake; MuJoCo's yield in their own way.
         feedback: a sensor that sees the object; commands are then corrected (certified plans only).
         sensor_seed: of its noise.
         progress: called with the fraction done.
@@ -70,7 +69,7 @@ def replay(
     physics = _engine(engine, contact, plan, hand, object_, trajectory, perturbation)
     correction = Correction(plan, hand, object_) if feedback else None
     sensor = SimulatedSensor(feedback or PoseSensor(), sensor_seed)
-    times = np.arange(0.0, end + (SETTLE if end >= plan.duration else 0.0) + SAMPLE / 2, SAMPLE)
+    times = np.arange(0.0, end + (REST_S if end >= plan.duration else 0.0) + SAMPLE_S / 2, SAMPLE_S)
     p_WO = trajectory.at(times).X_WO[:, :3, 3]
     q, X_WO, touches = [], [], []
     began, held, dropped = time.perf_counter(), plan.task.support is None, False
@@ -79,7 +78,7 @@ def replay(
     for k, t in enumerate(times):
         try:
             if perturbation.push_s[1] > 0:
-                physics.push(perturbation.push_during(t - SAMPLE, t))
+                physics.push(perturbation.push_during(t - SAMPLE_S, t))
             physics.advance(t)
         except RuntimeError as e:
             raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e
@@ -164,9 +163,9 @@ def _engine(
 
 
 def commands(trajectory: Trajectory) -> PiecewisePolynomial:
-    """What the servos are told over time, q + q_offset, at rest for a while before the plan and after it."""
+    """The servos' commands over time, q + q_offset, at rest for a while before the plan and after it."""
     knots = trajectory.knots
-    t = np.concatenate([[knots[0] - SETTLE], knots, [knots[-1] + SETTLE + 1.0]])
+    t = np.concatenate([[knots[0] - REST_S], knots, [knots[-1] + REST_S + 1.0]])
     states = trajectory.at(knots)
 
     def held(rows: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ _LOOK_EVERY = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What physics made of a plan."""
+    """The outcome of a plan in physics."""
 
     engine: EngineName
     contact: ContactKind
@@ -85,7 +85,7 @@ def simulate(
     watch: Callable[[SimulatedRun, Record], None] | None = None,
     progress: Callable[[ReplayProgress], None] | None = None,
 ) -> Replay:
-    """Plays a certified plan into physics as often as asked.
+    """Plays a certified plan in physics, once or many times.
 
     A fixture holds the object until the grasp is complete, and is then gone: nothing but the fingers holds it, until
     they release it to the fixture, where it then is. Where the task has a table, there is no fixture, and a run counts
@@ -103,7 +103,7 @@ def simulate(
         push: comes once in every run, in the middle third of the hold.
         jobs: processes; one per core by default.
         watch: given a run as planned, with its record; where there is none such among the runs, one more is made.
-        progress: told how far it is.
+        progress: called with how far it is.
 
     Raises:
         InputError: the plan is not certified, or asks for what is not simulated; `runs` or `jobs` is below one.
@@ -217,7 +217,7 @@ def _in_processes(
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """A second Ctrl-C asks for nothing more."""
+    """A second Ctrl-C has no further effect."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Ctrl-C is not heard here
         return
@@ -230,7 +230,7 @@ def undisturbed() -> Iterator[None]:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """Processes started within never hear Ctrl-C: it is for their parent, who ends them."""
+    """Processes started within never receive Ctrl-C: their parent does, and ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -47,12 +47,12 @@ from drake_hand.physics.engine import Perturbation, Touch, joint_values, stiffer
 
 ContactKind = Literal["hydroelastic", "point"]
 
-STEP = 2.5e-3
+DRAKE_STEP_S = 2.5e-3
 """Time step, s. At 1 ms a full turn of the pencil ends no nearer to the plan, and takes more than twice as long."""
 _PAD_MESH = 2.0e-3
 """Edge length of a fingertip's hydroelastic mesh, m."""
 _SIDES, _SIDES_ON_TABLE = 32, 128
-"""Of the polyhedron that stands for a round object; on a table it rolls onto one of them."""
+"""Of the polyhedron that represents a round object; on a table it rolls onto one of them."""
 _HARD = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
 
@@ -82,7 +82,7 @@ class DrakeSimulation:
         friction: float,
         perturbation: Perturbation | None = None,
         contact: ContactKind = "hydroelastic",
-        step: float = STEP,
+        step: float = DRAKE_STEP_S,
         table: Table | None = None,
     ) -> None:
         """Builds the simulation, the object held at its start pose.
@@ -173,13 +173,13 @@ class DrakeSimulation:
         self._fixture.Lock(self._context)
 
     def take_back_at(self, X_WO: np.ndarray) -> None:
-        """Has the fixture hold the object somewhere else, at (4, 4): out of the hand, say, or in it again."""
+        """Has the fixture hold the object elsewhere, at (4, 4): outside the hand, for example, or in it again."""
         self._fixture.Unlock(self._context)
         self.plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO))
         self._fixture.Lock(self._context)
 
     def command(self, q: np.ndarray, v: np.ndarray) -> None:
-        """From now on the servos are told q (nq,), going on with v (nq,), instead of what was told before."""
+        """From now on the servos' command is q (nq,), moving on at v (nq,), in place of earlier ones."""
         t = self.time
         self._source.UpdateTrajectory(PiecewisePolynomial.FirstOrderHold([t, t + 1.0], np.stack([q, q + v], axis=1)))
 

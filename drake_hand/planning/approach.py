@@ -18,7 +18,7 @@ from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift_
 
 
 class PlannedContact(NamedTuple):
-    """Where a finger is to touch."""
+    """Where a finger will touch."""
 
     q: np.ndarray
     """(m,) rad."""
@@ -72,9 +72,9 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
 def ways(
     clearance: Clearance, q: np.ndarray, goals: dict[int, np.ndarray], X_WO: np.ndarray
 ) -> list[dict[int, np.ndarray]] | None:
-    """Ways of several free fingers from q (nq,) to their goals (m,).
+    """Paths of several free fingers from q (nq,) to their goals (m,).
 
-    All at once if that is clear; else one after the other, where the first that finds no way gets to go first.
+    All at once if that is clear; else one after the other, where the first that finds no path is then tried first.
     """
     columns = {i: clearance.hand.fingers[i].columns for i in goals}
     order = [i for i, goal in goals.items() if np.abs(goal - q[columns[i]]).max() > 1e-9]
@@ -106,7 +106,7 @@ def ways(
 def _lifts(
     clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
 ) -> Iterator[dict[int, np.ndarray]]:
-    """Ways (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
+    """Paths (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
     around = Surroundings(clearance=clearance, X_WO=X_WO)
     for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
         up = {}

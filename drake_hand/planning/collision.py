@@ -1,6 +1,6 @@
 """Batched clearance of fingers from object, palm and one another, on spheres that cover the links' geometry.
 
-Quick enough to be asked inside the search; the certificate asks SceneGraph itself.
+Fast enough to be used inside the search; the certificate asks SceneGraph itself.
 """
 
 from __future__ import annotations
@@ -123,10 +123,10 @@ class Clearance:
         self._spheres = [_cover(scene, f) for f in hand.fingers]
         bodies = scene.plant.GetBodiesWeldedTo(scene.plant.world_body())
         self.still = frozenset(body.name() for body in bodies)
-        """Names of the bodies that stand still in W."""
+        """Names of the bodies that do not move in W."""
         self._palm = [_still(scene, s) for s in self._spheres]
         self.still_shapes = tuple(g for body in bodies for _, g in _standing(scene, body))
-        """Shapes that stand still, in W."""
+        """Shapes that do not move, in W."""
         self.keeps_off = [_keeps_off(scene, s, bodies) for s in self._spheres]
         """By finger: (G, B) bool, whether each group of its spheres has to keep clear of each of these."""
         self.object_cover = _cover_object(self.surface)
@@ -271,7 +271,7 @@ def _bodies(scene: Scene, finger: Finger) -> Iterator[tuple[int, RigidBody, np.n
 
 
 def _standing(scene: Scene, body: RigidBody) -> list[tuple[GeometryId, Geometry]]:
-    """Proximity geometries of a body that stands still, in W."""
+    """Proximity geometries of a body that does not move, in W."""
     X_WL = body.EvalPoseInWorld(scene.plant_context).GetAsMatrix4()
     return [(gid, replace(g, X_OG=X_WL @ g.X_OG)) for gid, g in _geometries(scene, body)]
 
@@ -291,7 +291,7 @@ def _cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _still(scene: Scene, spheres: Spheres) -> list[tuple[_Solid, np.ndarray]]:
-    """Bodies that stand still in W, and which of a finger's spheres (S,) are checked against each."""
+    """Bodies that do not move in W, and which of a finger's spheres (S,) are checked against each."""
     inspector = scene.scene_graph.model_inspector()
     own = [scene.plant.GetCollisionGeometriesForBody(body) for body, _ in spheres.groups]
     found = []

@@ -1,7 +1,7 @@
 """Spheres that cover a shape completely, and reach as little beyond it as possible.
 
-Clearances are asked for millions of times in a search. Between spheres they cost a square root each; what the spheres
-reach beyond a link is room the planner believes it lacks, so it is kept to a millimetre where that takes few enough.
+A search computes millions of clearances. Between spheres each costs a square root. What the spheres reach beyond a link
+is room that the planner believes it lacks, so it is kept to a millimetre where few enough spheres achieve that.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""From legs to a path: contact forces where they are asked for, and what planning took."""
+"""From legs to a path: contact forces if the task asks for them, and how long planning took.
+
+Forces come last, because they need the whole path: the search only makes sure that some exist at every pose.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Contact forces for a path's legs, ramped at make and break, and the joint offsets that bring them about.
 
-The search only knows that forces exist that hold the object. Position-controlled drives need to be told which: the
+The search only knows that forces exist that hold the object. Position-controlled drives need definite ones: the
 forces are chosen smooth and as even as possible over the whole path, and become offsets K^-1 J^T f of the commands,
-plus what pads yield, rolling loses and the links weigh.
+plus compensation for yielding pads, shortened rolling and the weight of the links.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def add_forces(
     )
 
     lost = INTERPOLATED * holding.weight
-    # what can be told of knots before there are forces saves working these out twice
+    # knots that are known to be too coarse before there are forces save computing these twice
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding, on_table)
@@ -153,7 +153,7 @@ def _blamed(
     starts: np.ndarray,
     X_WO: np.ndarray,
 ) -> NoPlanFound:
-    """The error, told of the first knot that cannot be balanced by itself, where there is one."""
+    """The error, naming the first knot that cannot be balanced by itself, if there is one."""
     for j, X in enumerate(X_WO):
         try:
             balance_forces(contacts[j : j + 1], problem[j : j + 1])
@@ -179,7 +179,7 @@ def _room(hand: Hand, q: np.ndarray, effort: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class _Light:
-    """What sliding makes of contacts, by knot and finger."""
+    """How sliding changes the contacts, by knot and finger."""
 
     share: np.ndarray
     """(n, k) 0 sticks with all its force, 1 slides with a light touch, in between where one becomes the other."""

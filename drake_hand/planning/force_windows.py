@@ -1,4 +1,4 @@
-"""Contact forces of a whole path, worked out window by window, on all cores, once for windows that are alike.
+"""Contact forces of a whole path, computed window by window on all cores, once for windows that are alike.
 
 The forces of a knot depend on those of others only through smoothness, which reaches a few knots. A gait repeats its
 contacts, so most of its windows are alike, however often it goes round.

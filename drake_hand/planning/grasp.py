@@ -46,7 +46,7 @@ GRASPS = 60
 
 
 def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> ContactSets:
-    """The contacts of some grasps, each hold of them as it begins, around one mass centre p_WCom (3,)."""
+    """The contacts of some grasps, at the start of each hold, around one mass centre p_WCom (3,)."""
     sets = ContactSets.none(hand, np.repeat(p_WCom[None], len(grasps), axis=0))
     for row, holds in enumerate(grasps):
         for h in holds:
@@ -168,7 +168,7 @@ def _drawn(
     Half of them do without a regrasp, where enough fingers have contacts that last.
 
     Returns:
-        Postures (N, n, m), who touches (N, n), and the share of the way for which all of them last (N,).
+        Postures (N, n, m), who touches (N, n), and the share of the path for which all of them last (N,).
     """
     rng, (way, steps) = moves.rng, _whole_way(moves)
     posture, touching = np.repeat(q[None], DRAWN, axis=0), np.zeros((DRAWN, len(q)), dtype=bool)
@@ -207,7 +207,7 @@ def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touch
 
 
 def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, best: float) -> tuple[str, str]:
-    """What sets of contacts that do not balance the object are short of, in words and as a constraint."""
+    """What is missing where sets of contacts do not balance the object, in words and as a constraint."""
     load = moves.load
     least = f"at best {-best:.2g} N are missing"
     if touching.sum(axis=1).max() < load.min_contacts:

@@ -1,4 +1,4 @@
-"""What it takes to hold the object: the predicate that every set of contacts has to satisfy.
+"""Holding the object: the predicate that every set of contacts has to satisfy.
 
 Plans keep a reserve against what is not modelled: part of the friction, part of the joint efforts, and a preload that
 still presses when the object is not quite where it should be.
@@ -34,7 +34,7 @@ class Holding(Protocol):
 
 
 class Kinematic:
-    """``hold: kinematic``: enough fingers in contact is all the paper asks."""
+    """``hold: kinematic``: enough fingers in contact, which is all that the paper asks for."""
 
     def __init__(self, min_contacts: int) -> None:
         self.min_contacts = min_contacts
@@ -66,7 +66,7 @@ class Equilibrium:
             gravity: (3,) in W, m/s^2.
             mass: of the object, kg.
             friction: coefficient the task states.
-            preload: normal force every contact must be able to bear beside the balance, N.
+            preload: normal force every contact must be able to bear in addition to the balance, N.
         """
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
         self.weight = STANDARD_GRAVITY * mass

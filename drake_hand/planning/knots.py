@@ -1,4 +1,4 @@
-"""How many knots legs get, for forces that are linear between them.
+"""How many knots a leg needs for forces that are linear between them.
 
 Forces that balance the object at two poses do so only nearly in between. The more contacts move, the closer knots have
 to be for the rest to stay within a third of the certificate's tolerance.

@@ -21,7 +21,7 @@ from drake_hand.plans.path import Leg
 
 
 class LegBuilder:
-    """Strings legs together; knows the hand's posture, the object's pose and who touches."""
+    """Strings legs together, and keeps track of the hand's posture, the object's pose and who touches."""
 
     def __init__(self, hand: Hand, q: np.ndarray, X_WO: np.ndarray) -> None:
         self.hand, self.q, self.X_WO = hand, q, X_WO
@@ -80,11 +80,11 @@ class LegBuilder:
         self.dwell()
 
     def dwell(self) -> None:
-        """Everything at rest in this mode: where forces are handed over."""
+        """Everything at rest in this mode, while forces are handed over."""
         self._add(np.repeat(self.q[None], 2, axis=0), np.repeat(self.X_WO[None], 2, axis=0), {})
 
     def move(self, ways: dict[int, np.ndarray], points: dict[int, np.ndarray] | None = None) -> None:
-        """Fingers move at once, the object at rest, each along (n, m) knots of its own; all with the same n.
+        """Fingers move at the same time, the object at rest, each along (n, m) knots of its own; all with the same n.
 
         Args:
             ways: joints by finger index.

@@ -1,4 +1,4 @@
-"""`Moves`: what moves along one nominal path are drawn from, and what states are worth, in compiled batches.
+"""`Moves`: samples moves along one nominal path and scores states, in compiled batches.
 
 The moves themselves are strokes (`strokes.py`) and switches (`switches.py`).
 """
@@ -39,7 +39,7 @@ class OffsetBounds:
 
 @dataclass(kw_only=True)
 class Moves:
-    """One nominal path, the fingers that may be used along it, and what states and contacts are worth on it."""
+    """One nominal path, the fingers that may be used along it, and the scores of states and contacts on it."""
 
     clearance: Clearance
     world: World
@@ -100,7 +100,7 @@ class Moves:
         return self.path.beside(at, (1.0 - share)[..., None] * off[:, None]), steps
 
     def rooms(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, 1 for as far as was looked."""
+        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, as a share of `LOOK` ticks."""
         length = self.lasting(finger, q, X, steps)
         return np.where(length >= steps, 1.0, length / LOOK)
 

@@ -1,4 +1,8 @@
-"""Checks of an object that lies on a table: before anything is planned, and before the object is let go."""
+"""Checks of an object that lies on a table: before anything is planned, and before the object is let go.
+
+A start that is off by a millimetre would let the object fall or press it into the table as soon as a plan is played.
+It is refused at once, with the pose at which the object would lie, since no search could make up for it.
+"""
 
 from __future__ import annotations
 

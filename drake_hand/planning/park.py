@@ -1,4 +1,4 @@
-"""Where fingers wait that take no part.
+"""Where fingers wait that take no part in the motion.
 
 A finger that stays at home is often in the way of the object or of others; it is moved once, at the beginning, to the
 posture that keeps clear of the whole path.
@@ -27,7 +27,7 @@ def park(
     rest: np.ndarray | None = None,
     touching: Collection[int] = (),
 ) -> np.ndarray:
-    """A posture of the whole hand that is clear of the object: where it would rest, or as near to that as can be.
+    """A posture of the whole hand that is clear of the object: the rest posture, or one as near to it as possible.
 
     Args:
         clearance: of the scene.

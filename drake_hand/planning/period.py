@@ -1,7 +1,7 @@
-"""Periods: turns after which the object looks as before, so that a motion back to an earlier grasp is a gait.
+"""Periods: turns after which the object looks the same, so that a motion back to an earlier grasp is a gait.
 
 A cube turned by 90 deg, a six-sided pencil by 60 deg, a can by any angle: with the fingers where they were, the state
-has come back, and what led there leads on. ::
+has recurred, and the moves that led there can be repeated. ::
 
     root --moves--> A --moves--> A, a period on --the same moves--> A, two periods on --...--> goal
 """
@@ -28,7 +28,7 @@ FEWEST = 3
 
 
 def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: float) -> Iterator[int]:
-    """Into how many periods a turn by `angle` [rad] about a line can be divided, the most first."""
+    """The numbers of periods into which a turn by `angle` [rad] about a line can be divided, largest first."""
     for count in range(int(angle / SHORTEST + 1e-9), 1, -1):
         X_OO = np.eye(4)
         X_OO[:3, :3] = Rotation.from_rotvec(angle / count * axis_O).as_matrix()
@@ -39,7 +39,7 @@ def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: flo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """After how much of a path the object looks as it did before."""
+    """The share of a path after which the object looks the same."""
 
     ticks: int
     count: int
@@ -52,7 +52,7 @@ class Period:
         """The shortest period of a turn about one axis; None where there is none.
 
         Args:
-            path: the whole way.
+            path: all of it.
             surface: of the object.
             p_OCom: (3,) m.
         """
@@ -85,7 +85,7 @@ class Period:
         return None
 
     def _repeated(self, begin: Node, end: Node, times: int, periods: int) -> Node:
-        """What leads from one state to another that has come back, so many times more."""
+        """The moves from one state to another where it recurs, repeated so many times more."""
         chain = end.chain
         cycle, state = chain[chain.index(begin) + 1 :], end
         for i in range(1, times + 1):

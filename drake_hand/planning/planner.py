@@ -1,6 +1,6 @@
-"""The entrance of the planner: from a task to paths, one after another as long as they are asked for.
+"""The entry point of the planner: from a task to paths, one after another for as long as the caller wants more.
 
-Another path is asked for where a plan does not pass its certificate.
+The caller wants another where a plan does not pass its certificate.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""`Problem`: a task with its models loaded, the clock of its planning, and what searches are made of."""
+"""`Problem`: a task with its models loaded, the planning clock, and the parts that searches are built from.
+
+Meshes take seconds to prepare, which count as planning: the clock starts before they are loaded, and all searches of a
+task share what was loaded.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +30,9 @@ from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 LEAST_PRELOAD, PRELOAD_SHARE, MOST_PRELOAD = 0.1, 0.6, 0.35
-"""Normal force every contact must be able to bear beside balancing the object: N at least, share of its weight, N at
-most. What holds a 40 g cube with 0.1 N in hand was dropped in physics, with 0.35 N it was not. What a wrong pose takes
-off a contact goes with the tip's stiffness, not with the weight: heavy objects need no more."""
+"""Normal force every contact must be able to bear in addition to balancing the object: N at least, share of its weight,
+N at most. A 40 g cube held with 0.1 N in reserve was dropped in physics; with 0.35 N it was not. What a wrong pose
+takes off a contact depends on the tip's stiffness, not on the weight: heavy objects need no more."""
 INSIDE = 0.98
 """Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
 FINENESS = 2
@@ -75,7 +79,7 @@ class Problem:
 
     @contextmanager
     def stage(self, name: str):
-        """Books the time of a stage."""
+        """Adds up the time spent in a stage."""
         self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
         t = time.monotonic()
         try:
@@ -85,11 +89,11 @@ class Problem:
 
     @property
     def deadline(self) -> float:
-        """When time is up (monotonic clock)."""
+        """When the time limit ends (monotonic clock)."""
         return self.started + self.task.options.time_limit_s
 
     def builder(self, task: Task) -> LegBuilder:
-        """Of legs that begin with the hand at home and the object where the task starts."""
+        """A builder of legs that begin with the hand at home and the object at the task's start."""
         assert isinstance(task.start, Pose), "auto is replaced before"
         return LegBuilder(self.hand, self.hand.q_home, pose(task.start))
 
@@ -101,7 +105,7 @@ class Problem:
         return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
 
     def moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
-        """What moves of these fingers along a nominal path are drawn from."""
+        """The moves of these fingers along a nominal path."""
         corridor = task.options.corridor
         return Moves(
             clearance=self.clearance,
@@ -118,7 +122,7 @@ class Problem:
         )
 
     def holding(self, task: Task) -> Holding:
-        """What it takes to hold the object."""
+        """The predicate of what holds the object."""
         if task.options.hold == "kinematic":
             return Kinematic(task.options.min_contacts)
         physics = task.physics

@@ -1,6 +1,6 @@
 """Reach tables: which contacts each finger can make at a tick, and how far it can hold each of them.
 
-Given the object's pose every finger is its own little robot (the paper's key idea), so this is asked finger
+Given the object's pose, every finger is its own little robot (the paper's key idea), so this is computed finger
 by finger, in one batch over a grid of contacts on the surface.
 """
 
@@ -81,7 +81,7 @@ class ReachTable:
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
     def most_common_limit(self, finger: int, tick: int) -> str:
-        """What most contacts of a finger at a tick fail at, or end with."""
+        """The limit that most contacts of a finger at a tick fail at, or end at."""
         counts = self.limits[finger, tick]
         return max(counts, key=lambda word: counts[word])
 
@@ -126,7 +126,7 @@ class ReachTable:
     def _lasting(
         self, finger: int, tick: int, q0: np.ndarray, n0: np.ndarray, *, height: float, first: int = 0
     ) -> tuple[list[Hold], list[str]]:
-        """What of contacts (N, m) lasts at all, and what ends each; `first` numbers the tables."""
+        """Which contacts (N, m) last at all, and what ends each; `first` numbers the tables."""
         X = np.ascontiguousarray(self.path.X_WO[tick:, :3])
         N, K, m = len(q0), len(X), q0.shape[1]
         q, p_WP, n_W, J_WP = np.zeros((N, K, m)), np.zeros((N, K, 3)), np.zeros((N, K, 3)), np.zeros((N, K, 3, m))

@@ -1,7 +1,8 @@
-"""`Run`: follows a task's steps from the start poses that are worth trying, and takes steps back that lead nowhere.
+"""`Run`: follows a task's steps from promising start poses, and backtracks from dead ends.
 
 Steps that move the object, one after the other, are one search; others (slide, push, release, a hand-over) are planned
-by themselves. Each offers several ways to carry it out, so that a later step that fails can ask an earlier one again.
+by themselves. Each can be carried out in several ways, so that where a later step fails, an earlier one can be tried
+differently.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Run:
             yield task, builder, list(task.motion)
 
     def _follow(self, task: Task, builder: LegBuilder, todo: list[Step]) -> Path:
-        """Carries out the steps; where one fails, takes back the one before and tries another way."""
+        """Carries out the steps; where one fails, backtracks to the one before and tries another way."""
         if not todo:
             return finished(self.problem, task, builder)
         step, rest = todo[0], todo[1:]

@@ -1,9 +1,9 @@
 """Search over the hybrid automaton: best-first over states, in bins of progress.
 
-A state is expanded by strokes, which carry the object on, and by switches of the fingers that have least room left.
+A state is expanded by strokes, which carry the object on, and by switches of the fingers that have the least room left.
 States are kept in bins of progress, and the next one is mostly taken from the farthest bins, which count as less far
-the longer they lead nowhere: so no dead end holds the search up. Within a bin the best score goes first, lowered each
-time a state much like it was tried.
+the longer they lead nowhere, so that no dead end holds up the search. Within a bin the best score goes first; it is
+lowered each time a similar state has been tried.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ UNWANTED = 6.0
 
 @dataclass(kw_only=True)
 class Search:
-    """One search; goes on where it was when asked again."""
+    """One search; continues where it stopped when run again."""
 
     moves: Moves
     wanted: frozenset[int] | None = None
@@ -73,14 +73,14 @@ class Search:
     _started: float = field(default_factory=time.monotonic)
 
     def restart(self) -> None:
-        """Begins again at the roots that led to no answer yet; what is drawn will be other than before."""
+        """Begins again at the roots that have led to no answer yet, with other random draws."""
         self._bins.clear()
         self._tried.clear()
         self._expanded.clear()
         self.add(list(self._roots))
 
     def add(self, states: list[Node]) -> None:
-        """Takes states in, roots or what follows from others."""
+        """Adds states: roots, or successors of others."""
         self._look_beyond(states)
         for x in states:
             if x.parent is None:
@@ -142,13 +142,13 @@ class Search:
         return None
 
     def _answer(self, x: Node) -> Node:
-        """Takes a state at the goal out; another search begins with another grasp, where there is one."""
+        """Removes a state at the goal; another search begins with another grasp, where there is one."""
         if len(self._roots) > 1 or x.parent is None:
             self._roots.pop(x.chain[0], None)
         return self._take(x)
 
     def _take(self, x: Node) -> Node:
-        """Takes a state out."""
+        """Removes a state."""
         b = int(x.progress // BIN)
         self._bins[b].remove(x)
         if not self._bins[b]:
@@ -254,7 +254,7 @@ class Search:
         )
 
     def _what_would_help(self, x: Node, kept: list[int]) -> str:
-        """What would let any of the fingers be lifted that cannot be, in words."""
+        """What would let one of the fingers that cannot be lifted be lifted, in words."""
         load, helps = self.moves.load, []
         for times, more, less in () if load.kinematic else EASED:
             eased = {
@@ -271,10 +271,10 @@ class Search:
                     helps.append(words)
             if helps:
                 break
-        return f"; with {' or '.join(helps)} it could be" if helps else ""
+        return f"; with {' or '.join(helps)} {'it' if len(kept) == 1 else 'one of them'} could be" if helps else ""
 
     def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:
-        """Why there is no plan: the state that got farthest, and what each of its fingers is short of."""
+        """Why there is no plan: the state that got farthest, and what each of its fingers lacks."""
         hand, x = self.moves.clearance.hand, self.farthest
         assert x is not None, "a search has roots"
         names = [f.name for f in hand.fingers]

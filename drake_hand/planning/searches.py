@@ -1,7 +1,7 @@
 """Searches from one or several starts: grasps that are moved on, and gaits, which come first where there are any.
 
 Whether a start is a good one is known only after searching from it. So several searches take turns, and cheap answers
-are tried before dear ones: a grasp that lasts for the whole motion, then a gait, then the search.
+are tried before expensive ones: a grasp that lasts for the whole motion, then a gait, then the search.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def from_grasps(
     then: list[Grasp],
     begun: LegBuilder | None = None,
 ) -> Iterator[tuple[Task, LegBuilder]]:
-    """Grasps of the object and moves it, from one of several starts; each time in a different way.
+    """Grasps the object and moves it, from one of several starts; each time in a different way.
 
     Raises:
         NoPlanFound: there is none, or no further one.
@@ -87,7 +87,7 @@ def _attempts(
 ) -> list[Attempt]:
     """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
 
-    One is free along the whole way. Where the way has a period, another looks for one to repeat: it pauses on the
+    One is free along the whole path. Where the path has a period, another looks for one to repeat: it pauses on the
     nominal path after each, which is a burden where none is found.
     """
     path = problem.path(builder.X_WO, moving)
@@ -118,7 +118,7 @@ def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[Nod
 
 
 def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
-    """Closes the fingers on a grasp, if that can be done without a collision."""
+    """Closes the fingers on a grasp, if that is possible without a collision."""
     contacts = {}
     for i in np.flatnonzero(root.touching).tolist():
         q = root.q[i, : len(problem.hand.fingers[i].columns)]
@@ -196,7 +196,7 @@ def _in_turn(
 
 
 def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoPlanFound:
-    """The same failure, with the path to the state that got farthest, where there is one."""
+    """The same failure, with the path to the state that got farthest, if there is one."""
     some = [x for x in attempts if x.search.fraction > 0 and x.search.founded]
     if not some:
         return why

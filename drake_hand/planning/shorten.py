@@ -1,7 +1,7 @@
 """Removes regrasps that a motion can do without: fingers stay where they were, as long as everything else still works.
 
-Given the object's poses every finger is a robot of its own, so that a finger that is not regrasped changes nothing
-about the others but what they may collide with and what they have to hold. ::
+Given the object's poses, every finger is a robot of its own: a finger that is not regrasped changes nothing about the
+others except what they may collide with and what they have to hold. ::
 
     finger   ──a──┐ regrasp ┌──b──┐ regrasp ┌──c──        before
     finger   ──────────a──────────┐ regrasp ┌──c──        after, where contact a rolls on and the object is held
@@ -23,7 +23,7 @@ def shortened(moves: Moves, end: Node) -> Node:
     """The end of the same motion with fewer regrasps: the first that can be left out is, then the next.
 
     Args:
-        moves: of the way.
+        moves: along the path.
         end: of it.
     """
     chain, i = end.chain, 1

@@ -1,6 +1,6 @@
 """Slides: a finger moves over the surface in light contact while the object rests, held by the others.
 
-Friction of a sliding contact is anything up to the coefficient, so the others have to bear all of it as well as none.
+The friction of a sliding contact may be anything up to the coefficient, so the others have to hold for all and none.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def directions(q: np.ndarray, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
     """Unit vectors along which a tip's material slides over an object at rest.
 
     Args:
-        q: (n, m) joints along the way, evenly spaced in its parameter.
+        q: (n, m) joints along the path, evenly spaced in its parameter.
         J_WP: (n, 3, m) Jacobians of the tip's material point at the contact.
         n_W: (n, 3) normals.
 
@@ -49,7 +49,7 @@ def holds(
         contacts: one set of contacts, the sliding finger's among them.
         X_WO: (4, 4) the object's pose.
         finger: which slides.
-        q: (n, m) along the way.
+        q: (n, m) along the path.
         p_OP: (n, 3) likewise.
     """
     kin = reach.clearance.kinematics[finger]

@@ -1,4 +1,4 @@
-"""``auto``: start poses and palm directions worth planning from, rated before the full planner tries them.
+"""``auto``: promising start poses and palm directions, rated before the full planner tries them.
 
 Where the palm faces and where fingers meet is found from the hand, whatever its frame (`model.closing`).
 """
@@ -122,7 +122,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
             for x in way[:: (_ALONG - 1) // 2]:
                 worth = min(worth, value(x))
                 if len(best) == RATED and worth <= best[0]:
-                    break  # it is not among the best whatever the rest of its way is worth
+                    break  # it is not among the best whatever the rest of its path scores
             found.append((worth, X))
             best = sorted([*best, worth])[-RATED:]
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
@@ -178,7 +178,7 @@ class _Finger:
 
 
 def _meeting(trees: list[cKDTree], half: float) -> np.ndarray:
-    """(N, 3) places, all alike in W, that most fingertips come near: by half of an object's breadth and a bit, m."""
+    """(N, 3) places in W that most fingertips come near: within just over half the object's breadth, m."""
     everything = np.concatenate([tree.data for tree in trees])
     count = np.sum([tree.query(everything)[0] < half + _JITTER for tree in trees], axis=0)
     return everything[count >= max(2, count.max() - 1)] if count.max() > 1 else everything

@@ -1,4 +1,8 @@
-"""Steps that need no search over the automaton: starting inside a grasp, sliding, pushing, letting go."""
+"""Steps that need no search over the automaton: starting inside a grasp, sliding, pushing, letting go.
+
+The task names the finger and where it goes, so there is nothing to choose. Each step is either carried out, with the
+checks that a search would make, or refused with what prevents it.
+"""
 
 from __future__ import annotations
 
@@ -179,7 +183,7 @@ def settle(builder: LegBuilder, clearance: Clearance, q: np.ndarray) -> None:
     """Brings the fingers that do not touch to q (nq,); a plan that has not begun yet begins there.
 
     Raises:
-        NoPlanFound: there is no way.
+        NoPlanFound: there is no path.
     """
     if not builder.legs and not builder.touching:
         builder.q = q.copy()
@@ -187,7 +191,7 @@ def settle(builder: LegBuilder, clearance: Clearance, q: np.ndarray) -> None:
     free = {i: q[f.columns] for i, f in enumerate(builder.hand.fingers) if i not in builder.touching}
     ways = approach.ways(clearance, builder.q, free, builder.X_WO)
     if ways is None:
-        what = "the fingers that take no part find no way to where they would wait"
+        what = "the fingers that take no part find no path to where they would wait"
         raise no_plan(what, mode=builder.mode, constraint="collision", X_WO=builder.X_WO)
     for way in ways:
         builder.move(way)

@@ -1,8 +1,8 @@
 """Strokes from a state: the object moves on along paths drawn at random, every touching finger with it.
 
 A path is followed as far as it is feasible: balance, limits and clearances are tested all along, and the last feasible
-pose is the new state. Paths that leave the nominal one make room: a pose that is a little off is often one from which
-a finger can be lifted.
+pose is the new state. Paths that leave the nominal one make room: often a finger can be lifted from a pose that is
+a little off it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TESTED = 3
 
 
 def draw_strokes(moves: Moves, state: Node) -> list[Node]:
-    """The states that strokes from here lead to, each as far as it lasts; those that get on best."""
+    """The states that strokes from here lead to, each as far as it lasts; the best of them."""
     found = _towards(moves, state, *_targets(moves, state))
     still = [x for x in found if x.s <= state.s]
     return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:BEST]
@@ -93,7 +93,7 @@ def _targets(moves: Moves, state: Node) -> tuple[np.ndarray, np.ndarray]:
 
 
 def onward(moves: Moves, states: list[Node]) -> list[Node]:
-    """The last states that those on the nominal path, at a tick, get to along it without a switch."""
+    """The last states that states on the nominal path, at a tick, reach along it without a switch."""
     states = [x for x in states if not x.off.any() and x.s < moves.path.ticks]
     if not states:
         return []

@@ -1,7 +1,7 @@
 """Free-finger transit: lift along the normal, travel, land along the normal, clear of everything.
 
 Lifting and landing along the normal neither drags the object nor grazes it. In between, a straight line in joint space
-mostly does; otherwise the finger stops over at one of the free postures it could also wait in.
+mostly suffices; otherwise the finger stops over at one of the free postures it could also wait in.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ class Surroundings:
 
 
 def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ways of finger i from contacts at q (N, m) straight up their normals n_W (N, 3).
+    """Paths of finger i from contacts at q (N, m) straight up their normals n_W (N, 3).
 
     Returns:
-        (N, KNOTS, m) ways, and whether each is clear (N,).
+        (N, KNOTS, m) paths, and whether each is clear (N,).
     """
     kin, (N, m) = s.clearance.kinematics[i], q.shape
     p, _, J, _ = kin.jacobian(q)
@@ -91,7 +91,7 @@ def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.n
 
 
 def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
-    """Way of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, else by :func:`detour`."""
+    """Path of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, or a :func:`detour`."""
     if (s.clear(i, np.stack([a, b]), tip=True) < MOVING).any():
         return None
     direct = straight_path(s, i, a, b)
@@ -99,13 +99,13 @@ def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
 
 
 def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
-    """Way of a free finger from a to b (m,) over a roadmap.
+    """Path of a free finger from a to b (m,) over a roadmap.
 
     The roadmap is a grid of clear postures; its edges are checked only when a shortest path uses them
     (lazy PRM; Bohlin & Kavraki 2000).
 
     Returns:
-        Straight pieces, each (n, m); None where no way was found.
+        Straight pieces, each (n, m); None where no path was found.
     """
     nodes, graph = _roadmap(s, i, a, b)
     pieces: dict[tuple[int, int], np.ndarray] = {}

@@ -33,7 +33,7 @@ class Attempt:
 
     @property
     def effort(self) -> float:
-        """What it has cost, for how far it got; nothing as long as that is not known."""
+        """Its cost so far, relative to how far it got; nothing as long as that is not known."""
         return self.search.expansions / (0.3 + self.search.hope) ** 3
 
 

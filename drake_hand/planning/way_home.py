@@ -1,4 +1,8 @@
-"""`find_way`: a path of the empty hand through free space, from the posture it is in to one it should be in."""
+"""`find_way`: a path of the empty hand through free space, from its present posture to another.
+
+A hand that was stopped in mid-plan may have fingers in front of one another. Where moving all of them straight back
+would make them collide, they move one after the other, each around the rest, in an order that is found by trying.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +27,13 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
 
     Args:
         scene: hand and object.
-        task: what the way is for.
+        task: what the path is for.
         q: (nq,) where the hand is, rad.
         goal: (nq,) where it should be.
         X_WO: (4, 4) where the object stands, which is kept clear of; None if it is not there.
 
     Raises:
-        NoPlanFound: a finger touches something where it is, or finds no way.
+        NoPlanFound: a finger touches something where it is, or finds no path.
     """
     hand, object_ = scene.hand, scene.object
     assert isinstance(object_, Object)

@@ -1,4 +1,8 @@
-"""The kernels' view of a scene: `World`, `Load` and `Grid`, and batches of rows split over the cores."""
+"""The kernels' view of a scene: `World`, `Load` and `Grid`, and batches of rows split over the cores.
+
+Compiled code takes arrays only. They are made once from the objects that the rest of the planner works with. Kernels
+release the interpreter, so that threads are enough to use every core.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +107,7 @@ def _far() -> np.ndarray:
 
 
 def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
-    """The arrays of what it takes to hold the object."""
+    """The arrays of what the hand has to hold."""
     if isinstance(holding, Equilibrium):
         return kernels.Load(
             kinematic=False,
@@ -130,7 +134,7 @@ def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """What fingers are offered: surface points, where inverse kinematics starts, and free postures."""
+    """What fingers choose from: surface points, starts for inverse kinematics, and free postures."""
 
     points: np.ndarray
     """(N, 3) in O, m."""
@@ -182,7 +186,7 @@ _POOL = ThreadPoolExecutor(max_workers=CORES)
 
 
 def at_once(calls: Sequence[Callable[[], T]]) -> list[T]:
-    """What some calls return, each made on a core of its own; those within a call are made one after another."""
+    """The results of some calls, each on a core of its own; calls within a call run one after another."""
     if len(calls) == 1 or threading.current_thread() is not threading.main_thread():
         return [call() for call in calls]
     waiting = [_POOL.submit(call) for call in calls]

@@ -113,5 +113,5 @@ def to_ros2(s: Samples) -> bytes:
     return yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None, width=10**6).encode()
 
 
-FORMATS: dict[str, Callable[[Samples], bytes]] = {"csv": to_csv, "npz": to_npz, "ros2": to_ros2}
+WRITERS: dict[str, Callable[[Samples], bytes]] = {"csv": to_csv, "npz": to_npz, "ros2": to_ros2}
 """Writers by name."""

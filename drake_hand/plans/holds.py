@@ -49,7 +49,7 @@ def hold_windows(plan: Plan) -> list[tuple[float, float]]:
 
 
 def free_windows(plan: Plan) -> list[tuple[float, float]]:
-    """From when to when no fixture holds the object, s: while the fingers do, or ever, where it lies on a table."""
+    """From when to when no fixture holds the object, s: while the fingers do, or always, where it lies on a table."""
     return [(0.0, plan.duration)] if plan.task.support else hold_windows(plan)
 
 

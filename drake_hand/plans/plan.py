@@ -14,13 +14,12 @@ from msgspec import Meta
 
 from drake_hand.errors import InputError, MissingFile, nearest
 from drake_hand.files import bundled, load, write_atomic
-from drake_hand.plans.task import SUFFIX as TASK_SUFFIX
-from drake_hand.plans.task import Task
+from drake_hand.plans.task import TASK_SUFFIX, Task
 
 if TYPE_CHECKING:
     from drake_hand.plans.trajectory import States
 
-SUFFIX = ".plan.json"
+PLAN_SUFFIX = ".plan.json"
 
 Row = list[float]
 
@@ -144,7 +143,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
         return c is not None and c.certified and c.intact and c.plan_hash == self.hash
 
     def __reduce__(self) -> tuple:
-        # By way of JSON: msgspec tells defaults by identity, which pickling loses, and with it the hash.
+        # By way of JSON: msgspec recognises defaults by identity, which pickling loses, and with it the hash.
         return _from_json, (msgspec.json.encode(self),)
 
     def at(self, t: np.ndarray | float) -> States:
@@ -239,14 +238,14 @@ class Plan(_Strict, frozen=True, kw_only=True):
 def _no_plan(path: Path) -> InputError:
     if path.is_dir():
         return InputError("this is a folder", file=path, found="a folder", expected="a plan file")
-    near = path.with_name(f"{path.name}{SUFFIX}")
+    near = path.with_name(f"{path.name}{PLAN_SUFFIX}")
     if near.is_file():
         expected = f"did you mean {near}?"
     elif str(path) in bundled("tasks", TASK_SUFFIX):
         expected = f"a plan, which is made by: drake-hand plan {path}"
     else:
-        plans = sorted(str(p) for p in path.parent.glob(f"*{SUFFIX}"))
-        expected = nearest(path, plans) if plans else f"a file NAME{SUFFIX}"
+        plans = sorted(str(p) for p in path.parent.glob(f"*{PLAN_SUFFIX}"))
+        expected = nearest(path, plans) if plans else f"a file NAME{PLAN_SUFFIX}"
     return MissingFile("no such plan", file=path, expected=expected)
 
 

@@ -16,7 +16,7 @@ from drake_hand.files import load, resolve, with_line
 from drake_hand.model.table import Table
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
-SUFFIX = ".task.yaml"
+TASK_SUFFIX = ".task.yaml"
 
 _NEAREST_MM = 1.0
 """An object's origin is not that near the wrist's, inside the hand."""
@@ -43,7 +43,7 @@ class Pose(_Strict, frozen=True, kw_only=True):
 
 
 class Grasp(_Strict, frozen=True, kw_only=True):
-    """Close the fingers on the object, which a fixture holds until then, or a table bears."""
+    """Close the fingers on the object, which until then is held by a fixture or lies on a table."""
 
     fingers: list[str] | None = None
     kind: Literal["precision", "power"] = "precision"
@@ -91,7 +91,7 @@ class Release(_Strict, frozen=True, kw_only=True):
 
 
 class Support(_Strict, frozen=True, kw_only=True):
-    """A horizontal table, on which the object lies at first and wherever it is released. No fixture holds it then."""
+    """A horizontal table on which the object lies at first and wherever it is released. There is no fixture then."""
 
     plane_mm: float
     """Height of its top over the origin of W, against gravity. With the palm down it is negative."""
@@ -194,7 +194,7 @@ class Task(_Strict, frozen=True, kw_only=True):
         Raises:
             InputError: with file, key, found and expected.
         """
-        file = resolve(ref, "tasks", SUFFIX)
+        file = resolve(ref, "tasks", TASK_SUFFIX)
         task = load(file, cls)
         try:
             task.validate(file)

@@ -12,6 +12,8 @@ PATCH_M = 1e-3
 """m; half the width of what a fingertip touches that is pressed by some tenths of a newton."""
 LEVER_M = 0.1
 """m; a point this far from O turns an object's rotation into a length, and its speed into a rate."""
+DROPPED_MM = 30.0
+"""So far from the plan the object has left the hand."""
 
 TOLERANCES = {
     "contact_mm": 0.1,

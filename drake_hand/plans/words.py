@@ -1,4 +1,4 @@
-"""A certificate in plain words: the verdict, and how near each figure is to its limit. Terminal, page and notebook."""
+"""A certificate in plain words: the verdict, and how near each figure is to its limit. For terminal, page, notebook."""
 
 from __future__ import annotations
 
@@ -182,14 +182,14 @@ def step_words(step: Step) -> str:
 
 
 def figure(value: float) -> str:
-    """A number with three digits, and none for what is as good as zero."""
+    """A number with three digits, and none for what is practically zero."""
     if abs(value) < 5e-4:
         return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def per_cent(share: float) -> str:
-    """A share in per cent, with as many digits as it takes to tell it from 0 and from 100."""
+    """A share in per cent, with as many digits as it takes to distinguish it from 0 and from 100."""
     digits = 0
     while digits < 2 and (abs(share) < 0.095 * 10**-digits or 0 < abs(1 - share) < 0.005 * 10**-digits):
         digits += 1

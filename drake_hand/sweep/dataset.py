@@ -17,7 +17,7 @@ from drake_hand.sweep.store import Store
 if TYPE_CHECKING:
     import pyarrow
 
-STEP_S = 0.02
+ROW_S = 0.02
 """Between time steps."""
 
 
@@ -56,12 +56,12 @@ def write_dataset(store: Store, ids: list[str], folder: Path) -> list[Path]:
 
 def _episodes(plan: Plan, id_: str, runs: list[Path]) -> Iterator[pyarrow.Table]:
     trajectory = Trajectory(plan)
-    t = np.arange(0.0, plan.duration + 1e-9, STEP_S)
+    t = np.arange(0.0, plan.duration + 1e-9, ROW_S)
     s = trajectory.at(t)
     yield _table(plan, trajectory, f"{id_}", "plan", t, s.q, s.X_WO, s.f_W)
     for i, file in enumerate(runs):
         with np.load(file) as run:
-            rows = np.searchsorted(run["t"], np.arange(0.0, run["t"][-1] + 1e-9, STEP_S) - 1e-9)
+            rows = np.searchsorted(run["t"], np.arange(0.0, run["t"][-1] + 1e-9, ROW_S) - 1e-9)
             yield _table(
                 plan, trajectory, f"{id_}.{i}", "replay", *(run[key][rows] for key in ("t", "q", "X_WO", "f_W"))
             )
@@ -97,5 +97,5 @@ def _table(
         "object_pose": lists(np.hstack([quaternions(X_WO[:, :3, :3]), X_WO[:, :3, 3]])),
         "f_W": lists(f_W),
     }
-    names = {"joints": " ".join(plan.joints), "fingers": " ".join(plan.fingers), "step_s": str(STEP_S)}
+    names = {"joints": " ".join(plan.joints), "fingers": " ".join(plan.fingers), "step_s": str(ROW_S)}
     return pa.table(columns).replace_schema_metadata(names)

@@ -15,7 +15,7 @@ from drake_hand.errors import InputError
 from drake_hand.files import convert, load
 from drake_hand.plans.task import Task
 
-SUFFIX = ".sweep.yaml"
+SWEEP_SUFFIX = ".sweep.yaml"
 
 
 class Sweep(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

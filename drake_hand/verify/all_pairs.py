@@ -1,4 +1,4 @@
-"""How fast is the certificate, beside asking Drake about every sample and every pair of shapes?"""
+"""How fast is the certificate, compared with asking Drake about every sample and every pair of shapes?"""
 
 from __future__ import annotations
 

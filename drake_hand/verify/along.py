@@ -1,4 +1,4 @@
-"""Samples of a plan as the automaton's predicates see them: what Drake observed, and velocities worked out from it."""
+"""Samples of a plan as the automaton's predicates see them: what Drake observed, and velocities computed from it."""
 
 from __future__ import annotations
 

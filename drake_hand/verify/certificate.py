@@ -23,13 +23,13 @@ from drake_hand.verify.predicates import Judgement, check_predicates, judge_pred
 
 
 def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
-    """Checks a plan against everything asked of it.
+    """Checks a plan against everything it has to satisfy.
 
     Fields of the certificate, each with its worst value, where and when it happened, and its limit:
 
     - ``contact_mm``: largest gap or overlap of a tip in contact with the object, or distance of the contact point
       that the plan states from the true one.
-    - ``slip_mm``: longest way the tip's surface slides over the object's during one ROLL contact; for
+    - ``slip_mm``: longest distance that the tip's surface slides over the object's during one ROLL contact; for
       ``model: pivot`` the largest distance of the tip's centre from where it was in O.
     - ``penetration_mm``: deepest overlap of any pair but a tip in contact and the object; negative means clear by
       so much. A FREE tip may touch the object within the contact tolerance only where it makes or breaks contact.

@@ -1,4 +1,4 @@
-"""Contacts of a plan as Drake sees them: gaps, slip, what touches that must not."""
+"""Contacts of a plan as Drake sees them: gaps, slip, and bodies that touch but must not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the object stays in its corridor of the nominal path of each step."""
+"""Whether the object stays in its corridor around the nominal path of each step."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tupl
     """How far poses X_WO (k, 4, 4) are off a path.
 
     Args:
-        X_WO: in the order of time, the first at the way's begin.
-        way: the step it belongs to.
+        X_WO: in the order of time, the first at the beginning of the path.
+        way: the samples of the step it belongs to.
         length: in m, and ...
         angle: ... in rad, what counts as equally far.
 

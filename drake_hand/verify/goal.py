@@ -1,4 +1,4 @@
-"""Where the motion of a task leads, worked out from the task alone, and whether a plan gets there."""
+"""Where the motion of a task leads, computed from the task alone, and whether a plan gets there."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def pose_matrix(p: Pose | MoveTo) -> np.ndarray:
 def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]:
     """Follows the motion through the plan: start pose, then every step's goal in turn, the last at the end.
 
-    A rotation has to turn by its whole angle: the turn about its axis since the end of the step before tells how often
+    A rotation has to turn by its whole angle: the turn about its axis since the end of the step before says how often
     it has come round.
     Each goal is met at its closest approach, the first time it is met at all.
 

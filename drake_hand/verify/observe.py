@@ -1,4 +1,4 @@
-"""What there is to see at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
+"""Observations at dense samples of a plan: tip poses, contacts, clearances, joint torques."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from drake_hand.verify.motion import levers, travel_rates
 from drake_hand.verify.pairs import Clearances, Near, Shapes, deepest
 from drake_hand.verify.surface import PackedObject
 
-STEP_S = 2e-3
-STEP_DEG = 0.25
+SPACING_S = 2e-3
+SPACING_DEG = 0.25
 """Largest distance between samples in time and in rotation of the object."""
 NEAR_M = 2e-3
 """m; clearances beyond this are not looked at."""
@@ -64,14 +64,14 @@ class Observed:
 
 
 def sample_times(trajectory: Trajectory) -> list[np.ndarray]:
-    """Per part, all knots and times between them no further apart than `STEP_S` and `STEP_DEG`."""
+    """Per part, all knots and times between them no further apart than `SPACING_S` and `SPACING_DEG`."""
     result = []
     for i, part in enumerate(trajectory.plan.parts):
         knots = np.array(part.t)
         h = np.diff(knots)
         inner = (knots[:-1, None] + h[:, None] * np.linspace(0.0, 1.0, 9)).ravel()
         speed = np.linalg.norm(trajectory.at(inner, part=i).V_WO[:, :3], axis=1).reshape(-1, 9).max(axis=1)
-        pieces = np.maximum(np.ceil(h / STEP_S - 1e-9), np.ceil(1.1 * speed * h / np.radians(STEP_DEG)))
+        pieces = np.maximum(np.ceil(h / SPACING_S - 1e-9), np.ceil(1.1 * speed * h / np.radians(SPACING_DEG)))
         pieces = np.maximum(pieces, 1).astype(int)
         spread = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(knots, knots[1:], pieces, strict=False)]
         result.append(np.append(np.concatenate(spread), knots[-1]))

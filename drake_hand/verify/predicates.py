@@ -24,7 +24,7 @@ _LEAST = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What one clause of a predicate came to: its worst over all samples that the predicate is about."""
+    """The outcome of one clause of a predicate: its worst over all samples that the predicate is about."""
 
     kind: str
     """One of `KINDS`."""

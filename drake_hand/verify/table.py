@@ -112,7 +112,7 @@ def links_above(task: Task, scene: Scene, q: np.ndarray) -> dict[str, np.ndarray
 def _between(gap: np.ndarray, seen: Observed, column: int, room: Callable[[int, float], float]) -> np.ndarray:
     """(k,) a gap (k,), or where it may be negative between a sample and the next, how much it is at most.
 
-    Where it is negative at a sample that tells all.
+    Where it is negative at a sample, that settles it.
 
     Args:
         gap: at the samples, m.

@@ -26,7 +26,7 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
     from those asked for. A joint that is outside its limits at the start may come back from there.
 
     Args:
-        plan: the way.
+        plan: the path.
         scene: its hand and object.
         start: (nq,) where the hand is, rad.
         goal: (nq,) where it should get.

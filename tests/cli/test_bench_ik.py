@@ -21,4 +21,4 @@ def test_the_baseline_reaches_the_same_residual():
         target = kinematics.fk(rng.uniform(kinematics.lower, kinematics.upper, (40, 3)))[0]
         q = np.array([solve(p) for p in target])
         residual = np.linalg.norm(kinematics.fk(q)[0] - target, axis=1)
-        assert (residual <= bench_ik.TOLERANCE).mean() > 0.9
+        assert (residual <= bench_ik.IK_TOLERANCE_M).mean() > 0.9

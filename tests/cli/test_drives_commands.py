@@ -23,7 +23,6 @@ from drake_hand.epos.sim.faults import FaultsFile, InjectedFault
 from drake_hand.epos.sim.process import spawn_simulated_drives
 
 KANGUERA = Drives.load()
-pytestmark = pytest.mark.clocked
 EXECUTE = ["execute", "--drives", "kanguera", "--trust", "--yes"]
 """Of plans made by hand, which no checker certifies."""
 
@@ -43,6 +42,7 @@ def no_bus(monkeypatch):
     monkeypatch.setattr(can, "Bus", refuse)
 
 
+@pytest.mark.clocked
 def test_execute_on_simulated_drives(plan, tmp_path, capsys):
     log = tmp_path / "x.run.npz"
     assert run([*EXECUTE, plan, "--simulate", "--log", str(log), "--json"]) == 0
@@ -53,6 +53,7 @@ def test_execute_on_simulated_drives(plan, tmp_path, capsys):
     assert RunRecord.load(log).header.joints == list(KANGUERA.joints)
 
 
+@pytest.mark.clocked
 def test_ctrl_c_stops_the_drives_and_is_130(tmp_path):
     """The first one, where nothing is held; the drives are off, and it says what stopped the run."""
     file = tmp_path / "long.plan.json"
@@ -143,6 +144,7 @@ def test_a_record_that_cannot_be_written_is_refused_before_a_bus_is_opened(plan,
     assert "no such folder" in capsys.readouterr().err
 
 
+@pytest.mark.clocked
 def test_scan_status_refusal_and_reset_of_drives_of_which_one_is_in_fault(plan, capsys):
     fault = FaultsFile(faults=[InjectedFault(kind="emcy", joint="ring_pip", code=0x3220, since="boot", at_s=0.0)])
 
@@ -188,6 +190,7 @@ def test_an_empty_bus_is_told_as_such(plan, capsys):
     assert "is the bus powered" in capsys.readouterr().err
 
 
+@pytest.mark.clocked
 def test_off_gets_out_of_what_a_killed_execute_leaves(plan, capsys):
     """Quick stop, heartbeat lost, still powered: `execute` refuses, `drives off` ends it, `execute` plays."""
     command = [sys.executable, "-c", "from drake_hand.cli import main; main()", *EXECUTE, plan]
@@ -210,6 +213,7 @@ def test_off_gets_out_of_what_a_killed_execute_leaves(plan, capsys):
         assert run([*EXECUTE, plan, *bus]) == 0
 
 
+@pytest.mark.clocked
 def test_off_names_who_does_not_answer(capsys):
     fault = FaultsFile(faults=[InjectedFault(kind="lost", joint="ring_pip", since="boot", at_s=0.0)])
     with spawn_simulated_drives(KANGUERA, faults=fault) as spawned:
@@ -233,11 +237,9 @@ def test_nothing_is_powered_that_was_not_proved_again(plan, capsys):
         assert answer["problems"][0].startswith("checked again, the plan is not certified: ")
 
 
-def test_a_plan_that_holds_is_proved_again(tmp_path):
-    from drake_hand.api import plan as make
-
+def test_a_plan_that_holds_is_proved_again(paper, tmp_path):
     file = tmp_path / "paper.plan.json"
-    make("paper").save(file)
+    paper.save(file)
     assert prove(file) == []
 
 
@@ -253,6 +255,7 @@ def test_power_needs_somebody_who_agrees(plan, capsys):
         assert "--yes" in capsys.readouterr().err
 
 
+@pytest.mark.clocked
 def test_one_finger_slowly(plan, tmp_path, capsys):
     """The drives of the others may be on the bus, and are left alone."""
     log = tmp_path / "x.run.npz"

@@ -12,7 +12,7 @@ from drake_hand.cli import run
 from drake_hand.cli.modes import _outline
 from drake_hand.contact.submodel import JointCount
 from drake_hand.files import bundled
-from drake_hand.model.hand import SUFFIX, Hand
+from drake_hand.model.hand import HAND_SUFFIX, Hand
 
 
 def test_explains_a_mode(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,7 +71,7 @@ def test_unknown_hand_and_file_type_are_wrong_input(tmp_path: Path, capsys: pyte
     assert run(["modes", "--graph", str(tmp_path / "g.jpg")]) == 2
 
 
-@pytest.mark.parametrize("name", bundled("hands", SUFFIX))
+@pytest.mark.parametrize("name", bundled("hands", HAND_SUFFIX))
 def test_outline_agrees_with_the_full_reader(name: str) -> None:
     automaton, counts = _outline(name)
     hand = Hand.load(name)
@@ -98,13 +98,10 @@ def test_text_form_imports_nothing_slow() -> None:
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
-def test_the_predicates_along_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_predicates_along_a_plan(paper, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The paper's plan holds them all; with a thumb that leaves its contact for a moment it does not."""
-    from drake_hand import api
-
-    plan = api.solve("paper").plan
-    part = next(i for i, p in enumerate(plan.parts) if p.mode == "00111")
-    plan = msgspec.structs.replace(plan, parts=plan.parts[: part + 1])
+    part = next(i for i, p in enumerate(paper.parts) if p.mode == "00111")
+    plan = msgspec.structs.replace(paper, parts=paper.parts[: part + 1])
     file = tmp_path / "paper.plan.json"
     plan.save(file)
     assert run(["modes", "00111", "--plan", str(file), "--json"]) == 0

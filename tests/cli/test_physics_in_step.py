@@ -19,12 +19,16 @@ from drake_hand.plans.plan import Plan
 
 
 @pytest.fixture(scope="module")
-def carry(tmp_path_factory) -> Path:
-    from drake_hand.api import plan
-
+def file(tmp_path_factory, carry) -> Path:
     file = tmp_path_factory.mktemp("plans") / "carry.plan.json"
-    plan("carry").save(file)
+    carry.save(file)
     return file
+
+
+@pytest.fixture
+def sample_file(tmp_path, sample_plan) -> Path:
+    sample_plan.save(tmp_path / "sample.plan.json")
+    return tmp_path / "sample.plan.json"
 
 
 def played(file, capsys, *options):
@@ -35,10 +39,10 @@ def played(file, capsys, *options):
 
 
 @pytest.mark.slow
-def test_a_grasp_handed_over_and_carried_a_little(carry, capsys, tmp_path):
+def test_a_grasp_handed_over_and_carried_a_little(file, capsys, tmp_path):
     """The fingers close on an object that a person holds, who lets go; nothing else does."""
     log = tmp_path / "x.run.npz"
-    status, answer = played(carry, capsys, "--pause", "grasp", "--go-after", "0.2", "--to-part", "1", "--log", str(log))
+    status, answer = played(file, capsys, "--pause", "grasp", "--go-after", "0.2", "--to-part", "1", "--log", str(log))
     assert (status, answer["ok"], answer["faults"], answer["disabled"]) == (0, True, [], True)
     assert answer["engine"] == "drake"
     found = answer["object"]
@@ -55,8 +59,8 @@ def test_a_grasp_handed_over_and_carried_a_little(carry, capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_object_is_seen_and_the_motion_corrected(carry, capsys):
-    status, answer = played(carry, capsys, "--feedback", "simulated", "--to-part", "1")
+def test_the_object_is_seen_and_the_motion_corrected(file, capsys):
+    status, answer = played(file, capsys, "--feedback", "simulated", "--to-part", "1")
     assert (status, answer["ok"], answer["faults"]) == (0, True, [])
     assert not answer["object"]["dropped"]
     assert answer["object"]["position_error_mm"] < 1.0
@@ -67,13 +71,13 @@ def test_the_object_is_seen_and_the_motion_corrected(carry, capsys):
 
 
 @pytest.mark.parametrize("options", [("--simulate",), ("--simulate", "--physics", "--empty"), ("--fingers", "index")])
-def test_feedback_needs_an_object_to_see_and_all_fingers(carry, capsys, options):
-    assert run(["execute", str(carry), "--drives", "kanguera", "--feedback", "simulated", *options]) == 2
+def test_feedback_needs_an_object_to_see_and_all_fingers(sample_file, capsys, options):
+    assert run(["execute", str(sample_file), "--drives", "kanguera", "--feedback", "simulated", *options]) == 2
     assert "--feedback" in capsys.readouterr().err
 
 
-def test_physics_needs_simulated_drives(carry, capsys):
-    assert run(["execute", str(carry), "--drives", "kanguera", "--physics"]) == 2
+def test_physics_needs_simulated_drives(sample_file, capsys):
+    assert run(["execute", str(sample_file), "--drives", "kanguera", "--physics"]) == 2
     assert "--simulate --physics" in capsys.readouterr().err
 
 
@@ -100,15 +104,15 @@ def stopped_by(file, mishap: Mishap, at_s: float) -> tuple[str, float]:
 
 
 @pytest.mark.slow
-def test_an_object_that_is_taken_away_is_missed_within_a_fifth_of_a_second(carry):
-    words, after_s = stopped_by(carry, Mishap(kind="object_taken"), 4.3)
+def test_an_object_that_is_taken_away_is_missed_within_a_fifth_of_a_second(file):
+    words, after_s = stopped_by(file, Mishap(kind="object_taken"), 4.3)
     assert words == "the object is gone: no finger presses in part 1"
     assert after_s <= 0.2
 
 
 @pytest.mark.slow
-def test_a_finger_whose_cable_comes_off_is_named(carry):
-    words, after_s = stopped_by(carry, Mishap(kind="cable_off", joint="ring_flexion"), 4.3)
+def test_a_finger_whose_cable_comes_off_is_named(file):
+    words, after_s = stopped_by(file, Mishap(kind="cable_off", joint="ring_flexion"), 4.3)
     assert words == "ring lost contact in part 1"
     assert after_s <= 1.0
 

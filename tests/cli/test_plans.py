@@ -9,6 +9,7 @@ import pytest
 from drake_hand import api, cli
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Plan
+from drake_hand.view import figures
 
 
 @pytest.fixture
@@ -86,7 +87,10 @@ def test_show_writes_a_page(plan_file, tmp_path, capsys):
     assert str(page) in capsys.readouterr().out
 
 
-def test_plot_writes_figures(plan_file, tmp_path, capsys):
+def test_plot_writes_figures(plan_file, sample_plan, hand, tmp_path, monkeypatch):
+    """One of them: all are drawn in the tests of figures."""
+    one = {"fig12_coordination": figures.drawings(sample_plan, hand)["fig12_coordination"]}
+    monkeypatch.setattr(figures, "drawings", lambda *_: one)
     assert cli.run(["plot", str(plan_file), "-o", str(tmp_path / "figures")]) == 0
     assert (tmp_path / "figures" / "fig12_coordination.png").stat().st_size > 1000
 

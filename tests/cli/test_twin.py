@@ -1,7 +1,6 @@
 """The twin, told what the bus shows: the same where the drives press as it does, and who differs where they do not."""
 
 import numpy as np
-import pytest
 
 from drake_hand.cli.drives_twin import Twin
 from drake_hand.contact.press import press
@@ -11,13 +10,6 @@ from drake_hand.plans.trajectory import Trajectory
 
 DRIVES = Drives.load()
 DT = 0.02
-
-
-@pytest.fixture(scope="module")
-def carry():
-    from drake_hand.api import plan
-
-    return plan("carry")
 
 
 def said(plan, until_s: float, shares: dict[str, float]) -> tuple[Twin, list[str]]:

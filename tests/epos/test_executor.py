@@ -30,7 +30,12 @@ pytestmark = pytest.mark.clocked
 KANGUERA = Drives.load()
 
 
-@pytest.mark.parametrize("types", ["epos2", "epos4", "epos1", "mix"])
+def alone(types):
+    """Drives of one type: all three are on the mixed bus, too, whose test is the quick one."""
+    return pytest.param(types, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("types", ["mix", alone("epos2"), alone("epos4"), alone("epos1")])
 def test_a_plan_is_played_and_every_drive_is_disabled(types, virtual, patiently, tmp_path):
     drives = drives_20ms(types)
     plan = swing(drives.joints, 0.6)

@@ -174,8 +174,8 @@ def test_the_control_word_is_an_object_like_others(shared):
 
 
 def test_what_a_program_has_loaded_does_not_hold_up_its_heartbeat(mastered):
-    """A full collection of two million objects takes longer than the drives wait for a heartbeat, but not meanwhile."""
-    ballast = [[i] for i in range(2_000_000)]
+    """A full collection of a million objects takes longer than the drives wait for a heartbeat, but not meanwhile."""
+    ballast = [[i] for i in range(1_000_000)]
 
     def collection_s():
         begun = time.monotonic()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import InputError
 from drake_hand.feedback import correction as module
-from drake_hand.feedback.correction import FASTEST, Correction
+from drake_hand.feedback.correction import TWIST_LIMIT, Correction
 from drake_hand.feedback.pose import PoseSeen
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
 from drake_hand.model.hand import Hand
@@ -98,7 +98,7 @@ def test_the_object_is_brought_back_where_it_should_be(plan, sure):
 
 
 def test_with_the_wrong_sign_it_is_not(plan, monkeypatch):
-    monkeypatch.setattr(module, "GAIN", -module.GAIN)
+    monkeypatch.setattr(module, "CORRECTION_RATE_PER_S", -module.CORRECTION_RATE_PER_S)
     _, errors = play(plan, ASIDE, until=3.0)
     assert np.linalg.norm(errors[-1, 3:]) > 1.3 * np.linalg.norm(ASIDE)
 
@@ -157,7 +157,7 @@ def test_it_stays_within_the_tube_and_says_so(plan):
         assert np.all(np.abs(dq) <= HAND.speed * TICK + 1e-9)
         if t > RAMP:
             moved = np.linalg.lstsq(follow.roll[correction._row(t)], dq, rcond=None)[0] / TICK
-            assert np.all(np.abs(moved) <= FASTEST * 1.05)
+            assert np.all(np.abs(moved) <= TWIST_LIMIT * 1.05)
 
 
 def test_what_cannot_be_seen_is_left_alone(plan, tmp_path):

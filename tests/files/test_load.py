@@ -88,11 +88,11 @@ def test_json_is_told_in_the_same_words_without_a_line(refused):
 @pytest.mark.parametrize(
     ("text", "line", "found"),
     [
-        ("hand: k\n[]: kanguera\n", 2, "a key is a sequence"),
+        ("hand: k\n[]: kanguera\n", 2, "a key is a list"),
         ("hand: k\n? {a: 1}\n: kanguera\n", 2, "a key is a mapping"),
         ("hand: k\nhand: k\n", 2, "key 'hand' given twice"),
-        ("hand: &a [*a]\n", 1, "an anchor holds itself"),
-        ("hand: &a {b: {c: *a}}\n", 1, "an anchor holds itself"),
+        ("hand: &a [*a]\n", 1, "an anchor contains itself"),
+        ("hand: &a {b: {c: *a}}\n", 1, "an anchor contains itself"),
         ("hand: [\n", 2, "expected the node content"),
         ("hand: 2001-99-99\n", None, "month must be in 1..12"),
         ("hand: !!int five\n", None, "invalid literal for int"),

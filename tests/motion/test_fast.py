@@ -12,7 +12,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.motion import law
 from drake_hand.motion.curve import Curve, RateLimits
-from drake_hand.motion.flow import ROUNDED, flowing
+from drake_hand.motion.flow import ROUNDING_M, flowing
 from drake_hand.motion.inertia import FRICTION_SHARE, OWN_N, Inertia
 from drake_hand.motion.timing import FAST_RAMP_S, time_path
 from drake_hand.planning.planner import find_paths
@@ -64,7 +64,7 @@ def test_ways_of_a_free_finger_become_one_that_rounds_its_corner():
     tip, asked = kin.fk(joined.q[:, c])[0], np.concatenate([kin.fk(leg.q[:, c])[0] for leg in legs])
     off = np.linalg.norm(tip[:, None] - asked[None], axis=2).min(axis=1)
     spacing = np.linalg.norm(np.diff(asked, axis=0), axis=1).max()
-    assert off.max() <= ROUNDED + spacing / 2
+    assert off.max() <= ROUNDING_M + spacing / 2
     limits = RateLimits(
         speed=HAND.speed, acceleration=HAND.acceleration, mass=1.0, p_OCom=np.zeros(3), I_OCom=np.eye(3)
     )

@@ -87,8 +87,8 @@ def test_a_part_takes_one_second_unless_limits_ask_for_more():
     assert len(shared.parts) == 1
     assert shared.duration == pytest.approx(timing.PART_S)
     long = time_path(path_of([leg(q_at(0.0), q_at(2.0))]))
-    # the fastest joint moves 2 rad on a trapezium whose peak is 1 / (1 - BLEND) of its mean
-    assert long.duration == pytest.approx(2.0 / (1 - law.BLEND) / HAND.speed[-1], rel=1e-3)
+    # the fastest joint moves 2 rad on a trapezium whose peak is 1 / (1 - BLEND_SHARE) of its mean
+    assert long.duration == pytest.approx(2.0 / (1 - law.BLEND_SHARE) / HAND.speed[-1], rel=1e-3)
     assert long.duration > timing.PART_S
 
 

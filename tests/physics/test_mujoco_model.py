@@ -9,7 +9,7 @@ from drake_hand.model.scene import Scene
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from drake_hand.physics.mujoco_model import IMPEDANCE, OBJECT, build_model, tip_shapes  # noqa: E402
+from drake_hand.physics.mujoco_model import IMPEDANCE, OBJECT_NAME, build_model, tip_shapes  # noqa: E402
 
 PADS = np.array([3000.0, 3500.0, 4000.0, 2500.0, 4500.0])
 
@@ -36,7 +36,7 @@ def pose(scene, data, model, q, X_WO):
         for axis in finger.axes:
             value = axis.multiplier * q[finger.columns[axis.source]] + axis.offset
             data.qpos[model.joint(axis.joint).qposadr[0]] = value
-    start = model.joint(OBJECT).qposadr[0]
+    start = model.joint(OBJECT_NAME).qposadr[0]
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, X_WO[:3, :3].ravel())
     data.qpos[start : start + 7] = [*X_WO[:3, 3], *quat]
@@ -76,7 +76,7 @@ def test_tips_links_and_mass_matrix_are_drakes(made):
 def test_masses_and_inertias_are_drakes(made):
     scene, model, _ = made
     bodies = [scene.plant.get_body(i) for i in scene.plant.GetBodyIndices(scene.hand_model)]
-    for body, name in [*((b, b.name()) for b in bodies), (scene.object_body, OBJECT)]:
+    for body, name in [*((b, b.name()) for b in bodies), (scene.object_body, OBJECT_NAME)]:
         M = body.default_spatial_inertia()
         ours = model.body(name)
         assert ours.mass[0] == pytest.approx(M.get_mass(), rel=1e-6)
@@ -112,7 +112,7 @@ def test_the_same_links_are_kept_from_colliding(made):
     name = {g: scene.plant.GetBodyFromFrameId(inspector.GetFrameId(g)).name() for g in inspector.GetAllGeometryIds()}
     checked = 0
     for a, b in inspector.GetCollisionCandidates():
-        bodies = [OBJECT if name[g] == scene.object.link else name[g] for g in (a, b)]
+        bodies = [OBJECT_NAME if name[g] == scene.object.link else name[g] for g in (a, b)]
         assert frozenset(model.body(n).id for n in bodies) not in apart
         checked += 1
     assert checked > 100

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -16,17 +15,8 @@ from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.physics.replay import replay
 from drake_hand.physics.runs import simulate
 from tests.feedback.test_correction import certified
+from tests.processes import alive, at_work, descendants
 from tests.verify.held import held_plan
-
-
-def children(pid):
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def alive(pids):
-    """Those that run; one that has ended and was not yet asked for its status does not."""
-    states = {p: Path(f"/proc/{p}/stat") for p in pids}
-    return [p for p, stat in states.items() if stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"]
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes in /proc")
@@ -45,10 +35,10 @@ def test_ctrl_c_ends_everything_and_tells_what_was_finished(tmp_path, signals):
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
     )
     deadline = time.monotonic() + 120
-    while len(workers := children(program.pid)) < 2 and time.monotonic() < deadline:  # workers, and who keeps count
+    while len(at_work(program.pid)) < 2 and time.monotonic() < deadline:
         time.sleep(0.05)
+    workers = descendants(program.pid)
     assert len(workers) >= 2
-    time.sleep(5)
     began = time.monotonic()
     for _ in range(signals):
         os.killpg(program.pid, signal.SIGINT)  # as a terminal does it: to all of them

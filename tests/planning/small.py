@@ -1,5 +1,7 @@
 """Small hands and short paths: what is planned on them is planned in a second."""
 
+import itertools
+import math
 from functools import cache
 
 import numpy as np
@@ -15,6 +17,7 @@ from drake_hand.planning.holding import Equilibrium, Holding
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose
+from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.planning.state import by_finger
 from drake_hand.planning.world import Grid, load_on_hand, world
@@ -28,6 +31,12 @@ START = {
     "trio": Pose(xyz_mm=(0.0, 0.0, 80.0)),
 }
 """Of an object between the fingers."""
+
+
+def runs_out(monkeypatch, asked: int) -> None:
+    """Time is up once it was asked for so often: as late on a busy machine as on an idle one."""
+    count = itertools.count()
+    monkeypatch.setattr(Problem, "deadline", property(lambda _: math.inf if next(count) < asked else 0.0))
 
 
 def turn(angle_deg: float) -> Step:

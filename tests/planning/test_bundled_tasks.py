@@ -6,6 +6,7 @@ import pytest
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
 from drake_hand.plans.task import Grasp, Options, Pose, Rotate, Step, Task
+from tests.planning.small import runs_out
 
 
 def turned(task: Task, angle_deg: float) -> Task:
@@ -97,16 +98,17 @@ def infeasible(**changes) -> NoPlanFound:
             Step(grasp=Grasp(fingers=changes.get("fingers"))),
             Step(rotate=Rotate(axis=(0.0, 1.0, 0.0), angle_deg=360.0)),
         ],
-        options=Options(hold="kinematic", modes=changes.get("modes"), time_limit_s=changes.get("time_limit_s", 20.0)),
+        options=Options(hold="kinematic", modes=changes.get("modes"), time_limit_s=20.0),
     )
     with pytest.raises(NoPlanFound) as caught:
         api.plan(task)
     return caught.value
 
 
-def test_two_fingers_that_may_not_slide_cannot_turn_a_pencil_round():
+def test_two_fingers_that_may_not_slide_cannot_turn_a_pencil_round(monkeypatch):
     """Poses beside the way are without end, so that only time tells."""
-    found = infeasible(fingers=["thumb", "index"], modes=["00000", "00011", "00010", "00001"], time_limit_s=5.0)
+    runs_out(monkeypatch, 4)
+    found = infeasible(fingers=["thumb", "index"], modes=["00000", "00011", "00010", "00001"])
     assert found.status == "timeout"
     assert 0.0 < found.progress < 1.0
     assert found.evidence.mode == "00011"

@@ -19,10 +19,10 @@ def turn(angle_deg: float) -> Step:
     return Step(rotate=Rotate(axis=(0.0, 0.0, 1.0), frame="object", angle_deg=angle_deg))
 
 
-@pytest.mark.parametrize("gravity", [0.0, -0.1, -1.6])
+@pytest.mark.parametrize("gravity", [0.0, -0.1, pytest.param(-1.6, marks=pytest.mark.slow)])
 def test_little_gravity_or_none(gravity):
     """Also so little that no force at all would count as balance."""
-    task = spin(Step(grasp=Grasp()), turn(20.0), physics=Physics(gravity=(gravity, 0.0, 0.0)))
+    task = spin(Step(grasp=Grasp()), turn(10.0), physics=Physics(gravity=(gravity, 0.0, 0.0)))
     assert api.solve(task).plan.certified
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from drake_hand.errors import InputError
-from drake_hand.plans.export import FORMATS, Samples, sample
+from drake_hand.plans.export import WRITERS, Samples, sample
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory, hermite
 
@@ -73,12 +73,12 @@ READ = {"csv": read_csv, "npz": read_npz, "ros2": read_ros2}
 
 
 def test_every_format_has_a_reader():
-    assert set(READ) == set(FORMATS)
+    assert set(READ) == set(WRITERS)
 
 
-@pytest.mark.parametrize("kind", sorted(FORMATS))
+@pytest.mark.parametrize("kind", sorted(WRITERS))
 def test_a_player_that_interpolates_does_what_the_plan_says(kind, plan, samples):
-    read = READ[kind](FORMATS[kind](samples))
+    read = READ[kind](WRITERS[kind](samples))
     assert list(read["joints"]) == plan.joints
     assert read["t"][0] == 0
     assert read["t"][-1] == pytest.approx(plan.duration, abs=1e-8)
@@ -94,7 +94,7 @@ def test_a_player_that_interpolates_does_what_the_plan_says(kind, plan, samples)
 
 
 def test_modes_are_those_of_the_parts(plan, samples):
-    modes = read_csv(FORMATS["csv"](samples))["modes"]
+    modes = read_csv(WRITERS["csv"](samples))["modes"]
     order = [m for m, before in zip(modes, [None, *modes], strict=False) if m != before]
     assert order == [m for m, before in zip(plan.modes, [None, *plan.modes], strict=False) if m != before]
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.pdo import SYNC_COB
+from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.motor import INERTIA
 
-STEP_S = 1e-3
-"""Of the clock, and of what the motors move."""
 _LOOK_S = 0.01
 GONE_LOOKS = 300
 """After so many looks for a master that does not wait again, 3 s, it is gone. Looks, not seconds: when the computer
@@ -26,7 +25,7 @@ class DrivenWorld(Protocol):
     """What the motors move."""
 
     def advance(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Moves on to time t; the motors stand for joints at q (n,) [rad] with speeds v (n,); torques on them, Nm."""
+        """Moves on to time t; the motors follow joints at q (n,) [rad] with speeds v (n,); torques on them, Nm."""
 
 
 def serve_in_step(

@@ -97,7 +97,7 @@ class Homing:
         speed: counts/s.
         acceleration: counts/s^2.
         offset: how far to move off the stop, counts.
-        stop: where the motor is while its current tells a stop; None while it does not.
+        stop: where the motor is while its current indicates a stop; None while it does not.
     """
 
     def __init__(

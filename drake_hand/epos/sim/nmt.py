@@ -20,7 +20,7 @@ class Nmt:
         node: node id.
         dictionary: the drive's.
         send: puts a frame on the bus (COB-ID, data).
-        fail: tells the drive of an error code.
+        fail: reports an error code to the drive.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ class PdoEngine:
     Args:
         dictionary: the drive's.
         send: puts a frame on the bus (COB-ID, data).
-        fail: tells the drive of an error code.
+        fail: reports an error code to the drive.
     """
 
     def __init__(self, dictionary: Dictionary, send: Callable[[int, bytes], None], fail: Callable[[int], None]) -> None:
@@ -95,7 +95,7 @@ class PdoEngine:
         self.changed = True
 
     def configure(self) -> None:
-        """Reads the configuration anew from the dictionary."""
+        """Reads the configuration from the dictionary again."""
         self._rx = {p.cob: p for p in self._read(0x1400)}
         self._tx = self._read(0x1800)
         self.changed = False

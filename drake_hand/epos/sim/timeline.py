@@ -1,7 +1,7 @@
 """Timeline of simulated drives: JSON lines of status words and positions at each SYNC, and of what happened between.
 
 The first line is a `Header`; a line with ``status`` is a `Row`, at a SYNC or (``sync`` null) where none came for a
-while; every other line is an `TimelineEvent`. Times are bus times, s since the epoch.
+while; every other line is a `TimelineEvent`. Times are bus times, s since the epoch.
 """
 
 from __future__ import annotations
