@@ -7,7 +7,8 @@ import inspect
 import json
 import textwrap
 from importlib import import_module
-from typing import Any, get_args, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 from mkdocs.structure.files import File
@@ -46,14 +47,13 @@ def keys_page(name: str, kind: type) -> str:
     ]
     for struct in structs(kind):
         rows = [f"## {struct.__name__}\n\n{inspect.getdoc(struct) or ''}\n"]
-        rows += ["| key | type | default | meaning |", "|---|---|---|---|"]
+        if struct.__struct_fields__:
+            rows += ["| key | type | default | meaning |", "|---|---|---|---|"]
         told = attribute_docs(struct)
         for field in msgspec.structs.fields(struct):
             default = "required" if field.required else f"`{plain(field)}`"
-            kind_words = str(field.type).replace("drake_hand.plans.task.", "").replace("|", "\\|")
-            kind_words = getattr(field.type, "__name__", kind_words) if not get_args(field.type) else kind_words
             meaning = " ".join(told.get(field.name, "").split()).replace("|", "\\|")
-            rows.append(f"| `{field.encode_name}` | `{kind_words}` | {default} | {meaning} |")
+            rows.append(f"| `{field.encode_name}` | {type_words(field.type)} | {default} | {meaning} |")
         parts.append("\n".join(rows) + "\n")
     return "\n".join(parts)
 
@@ -72,6 +72,33 @@ def structs(kind: type) -> list[type]:
 
     visit(kind)
     return found
+
+
+def type_words(kind: Any) -> str:
+    """A type in words, structs as links to their tables."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        meta, signs = inner[1], {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+        bounds = [(sign, getattr(meta, key)) for key, sign in signs.items()]
+        said = [f"{sign} {bound:g}" for sign, bound in bounds if bound is not None and abs(bound) < 1e6]  # no slips
+        return f"{type_words(inner[0])} {', '.join(said)}".strip()
+    if origin is Literal:
+        return " or ".join(f"`{value}`" for value in inner)
+    if origin in (Union, UnionType):
+        return " or ".join(map(type_words, inner))
+    if origin is tuple and len(set(inner)) == 1:
+        return f"[{', '.join(len(inner) * [type_words(inner[0])])}]"
+    if origin is tuple:
+        return f"[{', '.join(map(type_words, (t for t in inner if t is not Ellipsis)))}, ...]"
+    if origin is list:
+        return f"list of {type_words(inner[0])}"
+    if origin is dict:
+        return f"{type_words(inner[1])} by name"
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return f"[{kind.__name__}](#{kind.__name__.lower()})"
+    return {float: "number", int: "whole number", str: "text", bool: "`true` or `false`", type(None): "`null`"}.get(
+        kind, f"`{getattr(kind, '__name__', kind)}`"
+    )
 
 
 def attribute_docs(struct: type) -> dict[str, str]:

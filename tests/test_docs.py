@@ -37,6 +37,14 @@ def test_reference_names_every_key_and_its_meaning(site):
     assert "home_deg" in (site / "reference" / "hand" / "index.html").read_text()
 
 
+@pytest.mark.parametrize("name", ["task", "hand", "drives", "plan"])
+def test_no_key_is_without_a_meaning_and_types_are_words(site, name):
+    page = (site / "reference" / name / "index.html").read_text()
+    assert page.count("<td>") > 20
+    assert "<td></td>" not in page
+    assert "typing." not in page
+
+
 def test_schemas_are_there_for_editors(site):
     schema = msgspec.json.decode((site / "reference" / "task.schema.json").read_bytes())
     assert set(schema["$defs"]["Options"]["properties"]) == {f.name for f in msgspec.structs.fields(Options)}

@@ -32,8 +32,11 @@ class BusSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
     interface: str = "socketcan"
     """Any python-can interface: socketcan, slcan, pcan, virtual, udp_multicast, ..."""
     channel: str = "can0"
+    """Of that interface."""
     bitrate: Annotated[int, Meta(gt=0)] = 1_000_000
+    """Bit/s."""
     sync_ms: Annotated[int, Meta(ge=1, le=100)] = 10
+    """Time between SYNCs, each with a command for every drive."""
     heartbeat_ms: _Milliseconds = 100
     """Producer time, of the master and of each drive."""
     heartbeat_consumer_ms: _Milliseconds = 250

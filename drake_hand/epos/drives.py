@@ -41,7 +41,9 @@ class DriveSpec(_Strict, frozen=True, kw_only=True):
     """One drive; what is None is taken from ``defaults``."""
 
     node: Annotated[int, Meta(ge=1, le=MASTER_NODE - 1)] | None = None
+    """CANopen node."""
     type: DriveType | None = None
+    """Family of the controller."""
     vendor: int | None = None
     """Expected 0x1018:01; by default that of the type."""
     product: int | None = None
@@ -55,10 +57,13 @@ class DriveSpec(_Strict, frozen=True, kw_only=True):
     cable_ratio: _Positive | None = None
     """Turns of the drum per turn of the joint."""
     direction: Literal[1, -1] | None = None
+    """-1 if the joint's angle grows while counts fall."""
     zero_offset_deg: float | None = None
     """Joint angle at which the drive's position is 0."""
     max_speed_rpm: _Positive | None = None
+    """Of the motor."""
     max_acceleration_rpm_s: _Positive | None = None
+    """Of the motor."""
     stop_deg: float | None = None
     """Joint angle at its mechanical stop; homing needs it."""
     stop_side: Literal["lower", "upper"] | None = None
@@ -66,6 +71,7 @@ class DriveSpec(_Strict, frozen=True, kw_only=True):
     homing_current_ma: Annotated[int, Meta(gt=0)] | None = None
     """Motor current at which homing takes the joint to be on its stop."""
     homing_speed_rpm: _Positive | None = None
+    """Of the motor, towards the stop."""
     torque_constant_nm_a: _Positive | None = None
     """Of the motor; where every drive has one, what the fingers press is watched."""
     following_error_counts: Annotated[int, Meta(gt=0)] | None = None
@@ -76,7 +82,9 @@ class DrivesFile(_Strict, frozen=True, kw_only=True):
     """A drives.yaml file."""
 
     bus: BusSpec = BusSpec()
+    """The CAN bus."""
     defaults: DriveSpec = DriveSpec()
+    """For drives that say nothing else."""
     joints: Annotated[dict[str, DriveSpec], Meta(min_length=1)]
     """By joint name; each joint has the drive that mainly moves it."""
     coupling: dict[str, dict[str, float]] = {}

@@ -43,6 +43,7 @@ class Part(_Strict, frozen=True, kw_only=True):
     """A stretch in one mode. Between knots, q and X_WO are cubic Hermite (position and derivative at both ends)."""
 
     mode: str
+    """A digit per finger: 0 free, 1 rolling, 2 sliding."""
     events: list[str]
     """What happened at its start: ``make thumb``, ``break index``, ``stick ...``, ``slip ...``; empty for the first."""
     t: list[float]
@@ -68,10 +69,15 @@ class Worst(_Strict, frozen=True, kw_only=True):
     """The worst value of one certificate field and where it happened."""
 
     value: float | None
+    """None if there was nothing to judge."""
     limit: float
+    """That of the checker."""
     ok: bool
+    """Whether it keeps the limit."""
     time_s: float | None = None
+    """When, from the start of the plan."""
     part: int | None = None
+    """In which part, from 0."""
     where: str = ""
     """Finger, joint or pair of bodies."""
 
@@ -80,10 +86,13 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     """What the independent checker found."""
 
     certified: bool
+    """Whether every field keeps its limit."""
     samples: int
+    """How many states were checked."""
     worst: dict[str, Worst]
     """By field; the fields are those `drake_hand.verify.certificate.certify` explains."""
     failures: list[str]
+    """Fields that do not keep their limit."""
     plan_hash: str
     """Hash of the plan it certifies."""
     digest: str = ""
@@ -108,18 +117,29 @@ class Plan(_Strict, frozen=True, kw_only=True):
     """A plan: parts, timed joint and object trajectories, contact forces, certificate."""
 
     schema: Literal[1] = 1
+    """Of the file's form."""
     task: Task
+    """What was asked, with what the planner chose."""
     hand: str
+    """Its name."""
     urdf_sha256: str
+    """Of the hand's URDF."""
     object_sha256: str = ""
     """With the hand's, what ties a plan to the models it was made for."""
     fingers: list[str]
+    """In the order of mode codes."""
     joints: list[str]
+    """In the order of q."""
     object_mass_kg: float
+    """With which forces were planned."""
     parts: Annotated[list[Part], Meta(min_length=1)]
+    """One after the other in time."""
     seed: int
+    """Of the search that found it."""
     versions: dict[str, str]
+    """Of what made it."""
     certificate: Certificate | None = None
+    """None until it is checked."""
 
     @property
     def duration(self) -> float:

@@ -37,7 +37,9 @@ class Pose(_Strict, frozen=True, kw_only=True):
     """X_WO as a person writes it: position in mm, roll-pitch-yaw in degrees (fixed axes x, y, z)."""
 
     xyz_mm: Vector
+    """Origin of O in W."""
     rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """Turned by these about the fixed axes x, y, z of W, in this order."""
     joints_deg: dict[str, float] = {}
     """Only in ``start``: start inside a grasp, contacts where the fingertips touch."""
 
@@ -46,7 +48,9 @@ class Grasp(_Strict, frozen=True, kw_only=True):
     """Close the fingers on the object, which until then is held by a fixture or lies on a table."""
 
     fingers: list[str] | None = None
+    """Those that close; if not given, the planner chooses among all."""
     kind: Literal["precision", "power"] = "precision"
+    """``power``: with as many fingers as reach the object."""
 
 
 class Rotate(_Strict, frozen=True, kw_only=True):
@@ -55,35 +59,45 @@ class Rotate(_Strict, frozen=True, kw_only=True):
     axis: Vector
     """In W, or in O if ``frame`` says so (the object's own axis, wherever it points)."""
     frame: Literal["wrist", "object"] = "wrist"
+    """In which ``axis`` is given: W or O."""
     angle_deg: Angle
+    """Right-handed about the axis; more than a turn is meant as such."""
     about_mm: Vector | None = None
+    """A point of W on the axis; by default the object's origin."""
 
 
 class Translate(_Strict, frozen=True, kw_only=True):
     """Move the object along a straight line of W."""
 
     by_mm: Vector
+    """In W."""
 
 
 class MoveTo(_Strict, frozen=True, kw_only=True):
     """Bring the object to a pose X_WO."""
 
     xyz_mm: Vector
+    """Origin of O in W."""
     rpy_deg: tuple[Angle, Angle, Angle]
+    """As in ``start``."""
 
 
 class Slide(_Strict, frozen=True, kw_only=True):
     """One finger slides over the surface along its chart (s1, s2); the object stays still."""
 
     finger: str
+    """Which one."""
     by_mm: tuple[float, float]
+    """Along s1 and s2."""
 
 
 class Push(_Strict, frozen=True, kw_only=True):
     """One finger pushes the object, which lies on a support."""
 
     finger: str
+    """Which one."""
     by_mm: Vector
+    """How far the object goes, in W."""
 
 
 class Release(_Strict, frozen=True, kw_only=True):
@@ -101,12 +115,19 @@ class Step(_Strict, frozen=True, kw_only=True):
     """One step of a motion: exactly one key."""
 
     grasp: Grasp | None = None
+    """Close fingers; of an object that is held: hand it over to them."""
     rotate: Rotate | None = None
+    """Turn it."""
     translate: Translate | None = None
+    """Move it straight."""
     move_to: MoveTo | None = None
+    """Bring it to a pose."""
     slide: Slide | None = None
+    """Slide one finger over it."""
     push: Push | None = None
+    """Push it with one finger; ``hold: kinematic`` only."""
     release: Release | None = None
+    """Let go: ``release: {}``."""
 
     @property
     def kind(self) -> str:
@@ -129,29 +150,39 @@ class Physics(_Strict, frozen=True, kw_only=True):
     """Friction between tip and object, gravity in W (m/s^2), mass of the object."""
 
     friction: Positive = 0.8
+    """Coefficient between fingertip and object."""
     gravity: Vector | Literal["auto"] = (0.0, 0.0, -STANDARD_GRAVITY)
     """``auto`` lets the planner choose how the palm is turned; the plan's task records the choice."""
     object_mass_kg: Positive | None = None
+    """By default that of the object's file."""
 
 
 class Corridor(_Strict, frozen=True, kw_only=True):
     """How far the object may deviate from the nominal path of a step while it moves."""
 
     mm: Positive = 15.0
+    """By its origin."""
     deg: Positive = 15.0
+    """By rotation."""
 
 
 class Options(_Strict, frozen=True, kw_only=True):
     """How to plan."""
 
     model: Literal["rolling", "pivot"] = "rolling"
+    """What a contact that rests on the surface does: roll, or pivot about a fixed point of the object."""
     hold: Literal["equilibrium", "kinematic"] = "equilibrium"
+    """``equilibrium`` plans forces that hold the object; ``kinematic`` asks for contacts only."""
     min_contacts: Annotated[int, Meta(ge=0)] = 2
+    """Fewest fingers that hold, at any time."""
     modes: list[str] | None = None
     """Mode codes the plan may use; all if not given."""
     timing: Literal["parabolic", "optimal", "fast"] = "parabolic"
+    """``optimal``: as fast as the limits allow; ``fast``: also with the forces that accelerate the object."""
     seed: Annotated[int, Meta(ge=0)] = 0
+    """Of all that is drawn at random: the same seed gives the same plan."""
     time_limit_s: Positive = 60.0
+    """For the search."""
     corridor: Corridor | Literal["none"] = Corridor()
     """``none`` keeps the object on the nominal path."""
 
@@ -160,13 +191,19 @@ class Task(_Strict, frozen=True, kw_only=True):
     """A task: hand, object, start pose and a list of motion steps."""
 
     hand: str
+    """Bundled name, or a hand file's path from the task file."""
     object: str
+    """Bundled name, or the path of a URDF, SDF or mesh."""
     start: Pose | Literal["auto"]
+    """Where the object is at first; ``auto`` lets the planner choose."""
     support: Support | None = None
     """Without one a fixture holds the object until the grasp is complete."""
     motion: Annotated[list[Step], Meta(min_length=1)]
+    """Steps, one after the other."""
     physics: Physics = Physics()
+    """Friction, gravity, mass."""
     options: Options = Options()
+    """How to plan."""
 
     @property
     def table(self) -> Table | None:

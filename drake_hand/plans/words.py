@@ -12,7 +12,7 @@ from drake_hand.model.html import html_table
 from drake_hand.plans.plan import Certificate, Plan, Worst
 from drake_hand.plans.task import Step
 
-KINEMATIC = "closes the loops; no forces planned"
+KINEMATIC = "no forces planned"
 
 
 @dataclass(frozen=True, kw_only=True)

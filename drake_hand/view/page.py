@@ -101,7 +101,7 @@ def add_panel(
     if facts is None:
         facts = certificate_facts(plan.certificate) if plan.certificate else []
         if plan.certificate and not (plan.certificate.intact and plan.certificate.plan_hash == plan.hash):
-            facts = [(words, "", "", ok) for words, _, _, ok in facts]  # of a plan that this one no longer is
+            facts = []  # of a plan that this one no longer is
     good = "no" if not plan.certified else "yes" if plan.task.options.hold == "equilibrium" else "half"
     word, good, sentence = verdict or (badge(plan), good, plan_verdict(plan, course.hand))
     data = {
@@ -132,8 +132,16 @@ def insert(html: str, template: str, data: dict[str, Any]) -> Page:
         return (colors if match[1] == "page.css" else "") + folder.joinpath(match[1]).read_text(encoding="utf-8")
 
     panel = re.sub(r"/\*(data|[a-z]+\.(?:css|js))\*/", fill, folder.joinpath(template).read_text(encoding="utf-8"))
-    before, end, after = _packed(html).rpartition("</body>")
+    before, end, after = _packed(html).replace("<body>", f"<body>{_LOADING}", 1).rpartition("</body>")
     return Page(f"{before}{panel}{end}{after}")
+
+
+_LOADING = """
+  <style>#status-message, #stats-plot { display: none; }
+    #dh-loading { position: fixed; inset: 0; z-index: 9; display: grid; place-items: center; background: #fff;
+      font: 20px system-ui, "DejaVu Sans", sans-serif; color: #5d6674; }</style>
+  <div id="dh-loading">loading \u2026</div>"""
+"""First in the page: covers the scene until all of it is there, which takes a busy machine seconds."""
 
 
 _DATA = re.compile(

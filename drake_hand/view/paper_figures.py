@@ -29,10 +29,12 @@ def draw_automaton(plan: Plan) -> Figure:
     places, radii = layout(len(plan.fingers))
     points = np.array(list(places.values()))
     ax.plot(points[:, 0], points[:, 1], ".", ms=2.2, color="0.72")
+    fingers = len(plan.fingers)
+    between = np.pi / 2 + (2 * (fingers // 2) + 1) * np.pi / fingers  # two spokes, near the bottom
     for k, radius in enumerate(radii[1:], start=1):
-        at = radius * np.array([np.cos(4.0), np.sin(4.0)])
+        at = radius * np.array([np.cos(between), np.sin(between)])
         box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
-        ax.text(at[0], at[1], str(k), ha="center", va="center", fontsize=6, color="0.35", bbox=box, zorder=1)
+        ax.text(at[0], at[1], str(k), ha="center", va="center", fontsize=6, color="0.35", bbox=box, zorder=2.5)
     for before, after in sorted(set(_changes(plan))):
         a, b = places[Mode.parse(before, plan.fingers)], places[Mode.parse(after, plan.fingers)]
         bent_arrow(ax, a, b, color=_VISITED, bend=0.12, clear=3)
@@ -151,6 +153,8 @@ def draw_path(plan: Plan, course: Course, finger: str = "") -> Figure:
     for name, set_label in zip("xyz", (ax.set_xlabel, ax.set_ylabel, ax.set_zlabel), strict=True):
         set_label(f"{name} [mm]", labelpad=-7)
     ax.tick_params(pad=-3)
+    ax.zaxis.set_tick_params(pad=1)  # its numbers grow towards the axis
+    ax.zaxis.labelpad = -1
     ax.locator_params(nbins=4)
     ax.set_title(f"tip of the {plan.fingers[i]} finger")
     ax.legend(loc="upper left", bbox_to_anchor=(-0.12, 1.0))

@@ -44,8 +44,10 @@ _LONGEST = 1.5
 """Length at which arrows are cut, over that of a strong force."""
 _FINE = 5e-4
 """How far off the recording may be, over the hand's size; in rotation, rad over 2."""
-_TABLE, _WOOD = 4e-3, "#d9c3a0"
-"""Thickness of a table, m, and its colour."""
+_TABLE = 4e-3
+"""Thickness of a table, m."""
+_WOOD, _CLAY, _GREY = "#d9c3a0", "#c98f6b", "#d9d9d9"
+"""Colours of tables, and of objects and hands whose files name none."""
 _POSES = 30000
 """Most poses of a recording: what a page of 6 MB has room for. Long recordings are coarser."""
 
@@ -86,6 +88,7 @@ class Stage:
         self._R_VW = upright(gravity)
         self._ways: list[dict[str, Any]] = []
         self._tracks: list[_Track] = []
+        self._ghost = False
         self._look = {"front": [1.0, 0, 0], "side": [0, 1.0, 0], "palm": [1.0, 0, 0]}
         self._force_scale, self._most_force = 1.0, 0.0
         p_WT = np.array([scene.tip_position(f) for f in scene.hand.fingers])
@@ -112,7 +115,7 @@ class Stage:
             for b, body in enumerate(bodies):
                 poses[k, b] = plant.EvalBodyPoseInWorld(self._scene.plant_context, body).GetAsMatrix4()
         for b, body in enumerate(bodies):
-            self._draw_body(f"hand/{body.name()}", body)
+            self._draw_body(f"hand/{body.name()}", body, color=_GREY)
             self._move(f"hand/{body.name()}", poses[:, b])
         origins = poses[0, :, :3, 3]
         middle = (origins.min(axis=0) + origins.max(axis=0)) / 2
@@ -123,8 +126,10 @@ class Stage:
         plant = self._scene.plant
         path = "ghost" if ghost else "object"
         for i in plant.GetBodyIndices(self._scene.object_model):
-            self._draw_body(f"{path}/{plant.get_body(i).name()}", plant.get_body(i), alpha=0.25 if ghost else 1.0)
+            body = plant.get_body(i)
+            self._draw_body(f"{path}/{body.name()}", body, color=_CLAY, alpha=0.25 if ghost else 1.0)
         self._move(path, X_WO)
+        self._ghost |= ghost
 
     def table(self, table: Table, p_W: np.ndarray) -> None:
         """Draws a piece of a table, below a point (3,) of W."""
@@ -225,7 +230,7 @@ class Stage:
             for f in self._scene.hand.fingers
         ]
         force = {"m_per_n": self._force_scale, "most_n": self._most_force}
-        return {"tips": tips, "look": self._look, "force": force, "ways": self._ways}
+        return {"tips": tips, "look": self._look, "force": force, "ways": self._ways, "ghost": self._ghost}
 
     def html(self) -> str:
         """The page, which needs no server and no network."""
@@ -267,16 +272,16 @@ class Stage:
         self._scale(f"object/forces/{name}", np.clip(size * self._force_scale, 1e-3 * longest, longest))
         self._show(f"object/forces/{name}", pushing)
 
-    def _draw_body(self, path: str, body: RigidBody, alpha: float = 1.0) -> None:
-        """Draws what a body shows (its illustration geometry)."""
+    def _draw_body(self, path: str, body: RigidBody, *, color: str, alpha: float = 1.0) -> None:
+        """Draws what a body shows (its illustration geometry), in `color` where its file names none."""
         inspector = self._scene.scene_graph.model_inspector()
         frame = self._scene.plant.GetBodyFrameIdOrThrow(body.index())
         for k, gid in enumerate(inspector.GetGeometries(frame, Role.kIllustration)):
-            color = inspector.GetIllustrationProperties(gid).GetPropertyOrDefault(
-                "phong", "diffuse", Rgba(0.85, 0.85, 0.85, 1)
+            own = inspector.GetIllustrationProperties(gid).GetPropertyOrDefault(
+                "phong", "diffuse", Rgba(*rgb(color), 1.0)
             )
-            color = Rgba(color.r(), color.g(), color.b(), color.a() * alpha)
-            self._meshcat.SetObject(f"{_ROOT}/{path}/{k}", inspector.GetShape(gid), color)
+            shown = Rgba(own.r(), own.g(), own.b(), own.a() * alpha)
+            self._meshcat.SetObject(f"{_ROOT}/{path}/{k}", inspector.GetShape(gid), shown)
             self._meshcat.SetTransform(f"{_ROOT}/{path}/{k}", inspector.GetPoseInFrame(gid))
 
     def _move(self, path: str, X: np.ndarray, coarse: float = 1.0) -> None:

@@ -77,9 +77,27 @@ def test_a_plan_plays_shows_mode_and_time_and_answers_keys_and_clicks(browser, p
         assert tab.locator("#dh-help").is_visible()
         tab.keyboard.press("Escape")
         assert not tab.locator("#dh-help").is_visible()
-        before = tab.evaluate("viewer.camera.position.toArray()")
-        tab.keyboard.press("4")
-        assert tab.evaluate("viewer.camera.position.toArray()") != before
+        card, dock = tab.locator("#dh-card").bounding_box(), tab.locator("#dh-dock").bounding_box()
+        seen = set()
+        for key in "1234":
+            tab.keyboard.press(key)
+            seen.add(tuple(tab.evaluate("viewer.camera.position.toArray()")))
+            tips = np.array(tab.evaluate("dh.data.tips.map(dh.place)"))
+            assert (tips > [card["x"] + card["width"], 0]).all(), key
+            assert (tips < [900, dock["y"]]).all(), key
+        assert len(seen) == 4
+        tab.keyboard.press("+")
+        assert tab.evaluate("viewer.animator.mixer.timeScale") == 2
+        tab.keyboard.press("-")
+        tab.keyboard.press("f")
+        place = "new dh.Vector().setFromMatrixPosition(dh.node('stage/object').matrixWorld)"
+        gap = f"viewer.controls.target.distanceTo({place})"
+        tab.wait_for_timeout(500)
+        before = tab.evaluate(gap)
+        tab.evaluate("dh.node('stage').position.x += 1; dh.node('stage').updateWorldMatrix(true, true)")
+        tab.wait_for_function(f"Math.abs({gap} - {before}) < 1e-3")
+        tab.evaluate("dh.node('stage').position.x -= 1; dh.node('stage').updateWorldMatrix(true, true)")
+        tab.keyboard.press("f")
         tab.keyboard.press("l")
         tab.wait_for_function("[...document.querySelectorAll('#dh-labels div')].every((label) => label.hidden)")
         tab.keyboard.press("t")
@@ -181,8 +199,14 @@ def test_a_failure_names_the_finger_that_blocks_at_its_tip(browser, folder):
     error = NoPlanFound("index cannot reach", evidence=Evidence(finger="index", X_WO=X.tolist()))
     with opened(browser, saved(api.show_failure(Task.load("spin"), error), folder / "why.html")) as tab:
         tab.wait_for_function("dh.ready")
+        assert tab.locator("#dh-loading").count() == 0
         assert "index blocks" in tab.locator("#dh-labels div").all_inner_texts()
         assert drawn(picture(tab)).mean() > 0.02
+        tab.evaluate("dh.data.tips.forEach((tip) => Object.assign(tip, dh.data.tips[0]))")  # fingertips at one place
+        tab.wait_for_function(  # their names below one another
+            "new Set([...document.querySelectorAll('#dh-labels div')].slice(0, 5)"
+            ".map((label) => Math.round(label.getBoundingClientRect().y / 14))).size === 5"
+        )
 
 
 def test_a_motion_that_got_stuck_opens_where_it_did_and_says_why(browser, sample_plan, folder):

@@ -1,7 +1,7 @@
 // The panel of a plan: play, scrub, mode, timeline, strips.
 (() => {
   const { data, find, add, node } = dh, animator = viewer.animator;
-  find("#dh-card h1").textContent = data.title;
+  Object.assign(find("#dh-card h1"), { textContent: data.title, title: data.title });
   find("#dh-card .dh-sub").textContent = data.subtitle + " ";
   add(find("#dh-card .dh-sub"), "span", { class: "dh-badge dh-" + data.good }, data.badge);
   find("#dh-more summary").textContent = data.verdict;
@@ -21,6 +21,7 @@
   // The timeline: a row per finger, thumb on top, strips below; redrawn when the window changes.
   let cursor, width, chosen = null, em = 14;
   const LEFT = () => 6.2 * em, x = (t) => LEFT() + (width - LEFT() - .7 * em) * t / data.duration;
+  const round = ({ low, high }, v) => +v.toFixed(high - low < 1 ? 2 : high - low < 9 ? 1 : 0);
   const at = (values, t) => values[Math.round(t / data.duration * (values.length - 1))];
   function draw() {
     const line = find("#dh-line");
@@ -41,7 +42,8 @@
           ...(strong ? { stroke: "#111", "stroke-width": 2 } : {}) });
       });
     });
-    data.strips.forEach(({ name, unit, values, low, high, limit }, k) => {
+    data.strips.forEach((strip, k) => {
+      const { name, unit, values, low, high, limit } = strip;
       const top = bars + .3 * em + k * (CHART + .3 * em), y = (v) => top + CHART * (high - v) / (high - low);
       add(svg, "rect", { x: x(0), y: top, width: x(data.duration) - x(0), height: CHART, fill: "#f4f6f9" });
       if (limit !== null)
@@ -55,7 +57,7 @@
       add(svg, "path", { d: path, fill: "none", stroke: "#1d2430", "stroke-width": 1.3 });
       add(svg, "text", { x: LEFT() - .4 * em, y: top + .8 * em, "text-anchor": "end" }, name);
       if (!small) add(svg, "text", { x: LEFT() - .4 * em, y: top + CHART - .15 * em, "text-anchor": "end" },
-        `${+low.toPrecision(3)} \u2026 ${+high.toPrecision(3)} ${unit}`);
+        `${round(strip, low)} \u2026 ${round(strip, high)} ${unit}`);
     });
     const raw = data.duration / Math.max(2, width / (6 * em)), unit = 10 ** Math.floor(Math.log10(raw));
     const step = unit * [1, 2, 5, 10].find((k) => k * unit >= raw);
@@ -113,7 +115,7 @@
     ["]", "to the next event", () => jump(events.find((t) => t > now() + 1e-3) ?? data.duration)],
     ["-", "slower", () => speed(-1)], ["+", "faster", () => speed(1)], ["r", "again and again", loop],
     ["t", "paths of the contacts", () => ["stage/object/ways", "stage/ways"].forEach(dh.toggle)],
-    ["g", "where the object should be, faint", () => dh.toggle("stage/ghost")],
+    ...(data.ghost ? [["g", "where the object should be, faint", () => dh.toggle("stage/ghost")]] : []),
   ]);
   addEventListener("resize", draw);
 

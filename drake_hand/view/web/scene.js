@@ -143,7 +143,9 @@ const dh = (() => {
     let n = 0;
     node("stage").traverse((o) => { n += o.isMesh ? 1 : 0; });
     if (n !== meshes) { meshes = n; patience = 8; measure(times); }
-    if (--patience) setTimeout(settle, 150, times); else dh.ready = true;
+    if (--patience) return setTimeout(settle, 150, times);
+    dh.ready = true;
+    find("#dh-loading").remove();
   }
 
   // Names at the fingertips.
@@ -162,14 +164,23 @@ const dh = (() => {
     at.applyMatrix4(o.matrixWorld).project(viewer.camera);
     return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
   }
+  function name() { // the points, no name over another
+    const put = [];
+    const wanted = named.map((point, i) => [labels[i], ...place(point)]).sort((a, b) => a[2] - b[2]);
+    for (const [label, px, py] of wanted) {
+      label.hidden = !labelled;
+      const wide = label.offsetWidth, tall = label.offsetHeight, x = Math.min(px + 9, innerWidth - wide);
+      let y = py - 20;
+      for (const [left, top, right, bottom] of put)
+        if (x < right && x + wide > left && y < bottom && y + tall > top) y = bottom;
+      put.push([x, y, x + wide, y + tall]);
+      label.style.transform = `translate(${x}px, ${y}px)`;
+    }
+  }
   function overlay() {
     const floor = node("floor"), camera = viewer.camera;
     floor.visible = camera.position.y > floor.position.z;
-    named.forEach((point, i) => {
-      const [x, y] = place(point);
-      labels[i].hidden = !labelled;
-      labels[i].style.transform = `translate(${x + 9}px, ${y - 20}px)`;
-    });
+    name();
     const scale = find("#dh-scale");
     if (scale) {
       const metre = innerHeight / (2 * Math.tan(camera.fov * Math.PI / 360) * camera.position.distanceTo(viewer.controls.target));
