@@ -23,8 +23,8 @@ INDEX = HAND.finger("index").columns
 @pytest.fixture
 def coarse(monkeypatch):
     """Fewer samples, where it is not about how many."""
-    monkeypatch.setattr(observing, "STEP_S", 2e-2)
-    monkeypatch.setattr(observing, "STEP_DEG", 2.0)
+    monkeypatch.setattr(observing, "SPACING_S", 2e-2)
+    monkeypatch.setattr(observing, "SPACING_DEG", 2.0)
 
 
 @pytest.fixture(scope="module")
