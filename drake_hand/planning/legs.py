@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 
 from drake_hand.model.hand import Hand
+from drake_hand.modes.switch import Event, EventKind
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
@@ -106,8 +107,8 @@ class LegBuilder:
             points[i] = clearance.surface.closest(np.einsum("kji,kj->ki", X_WO[:, :3, :3], p_WC - X_WO[:, :3, 3]))[0]
         self._add(q, X_WO, points)
 
-    def _event(self, kind: str, finger: int) -> None:
-        self._events.append(f"{kind} {self.hand.fingers[finger].name}")
+    def _event(self, kind: EventKind, finger: int) -> None:
+        self._events.append(str(Event(kind, self.hand.fingers[finger].name)))
 
     def _add(self, q: np.ndarray, X_WO: np.ndarray, points: dict[int, np.ndarray]) -> None:
         p_OP = {}

@@ -100,7 +100,7 @@ class Moves:
         return self.path.beside(at, (1.0 - share)[..., None] * off[:, None]), steps
 
     def rooms(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, as a share of `LOOK` ticks."""
+        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, as a share of `LOOK` steps."""
         length = self.lasting(finger, q, X, steps)
         return np.where(length >= steps, 1.0, length / LOOK)
 

@@ -38,16 +38,7 @@ class Run:
             NoPlanFound: there is none, or no further one; says of the start that got farthest what blocked it.
         """
         failures: list[NoPlanFound] = []
-        try:
-            for task, builder, rest in self._begun():
-                try:
-                    yield self._follow(task, builder, rest)
-                except NoPlanFound as e:
-                    failures.append(e)
-                    if time.monotonic() > self.problem.deadline:
-                        break
-        except NoPlanFound as e:
-            failures.append(e)
+        yield from self._each(self._begun(), failures)
         raise max(failures, key=lambda e: e.progress, default=NoPlanFound("there is no other plan"))
 
     def _begun(self) -> Iterator[tuple[Task, LegBuilder, list[Step]]]:
@@ -87,17 +78,27 @@ class Run:
         else:
             ways = iter([self._by_itself(task, builder.copy(), step)])
         failures: list[NoPlanFound] = []
+        path = next(self._each(((task, after, rest) for after in ways), failures), None)
+        if path is None:
+            raise failures[0]
+        return path
+
+    def _each(
+        self, begun: Iterator[tuple[Task, LegBuilder, list[Step]]], failures: list[NoPlanFound]
+    ) -> Iterator[Path]:
+        """What comes of each beginning, as long as there is time; adds the failures of those that come to nothing."""
         try:
-            for after in ways:
+            for task, builder, rest in begun:
                 try:
-                    return self._follow(task, after, rest)
+                    path = self._follow(task, builder, rest)
                 except NoPlanFound as e:
                     failures.append(e)
                     if time.monotonic() > self.problem.deadline:
                         break
+                else:
+                    yield path
         except NoPlanFound as e:
             failures.append(e)
-        raise failures[0]
 
     def _by_itself(self, task: Task, builder: LegBuilder, step: Step) -> LegBuilder:
         """A step that needs no search."""

@@ -8,6 +8,7 @@ lowered each time a similar state has been tried.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -120,16 +121,15 @@ class Search:
             k = min(int(rng.geometric(FARTHEST)) - 1, len(bins) - 1)
             if rng.random() < ANYWHERE:
                 k = int(rng.integers(len(bins)))
-            states = self._bins[bins[k]]
-            self._expanded[bins[k]] += 1
-            state = max(states, key=self._rank)
+            state = max(self._bins[bins[k]], key=self._rank)
             at_goal = state.progress >= goal - 1e-9
             # A root is asked when something has come of it: few of them lead on, and asking plans the hand's closing.
-            if (at_goal or state.parent is not None or id(state) in self._able) and not self._founded(state):
-                self._take(state)
+            if (at_goal or state.parent is not None) and not self._founded(state):
+                self._forget(state.chain[0])
                 continue
             if at_goal:
                 return self._answer(state)
+            self._expanded[bins[k]] += 1
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
@@ -155,6 +155,14 @@ class Search:
             del self._bins[b]
         return x
 
+    def _forget(self, root: Node) -> None:
+        """Removes a root that the hand cannot get to, and all that follows from it."""
+        del self._roots[root]
+        kept = {b: [x for x in states if x.chain[0] is not root] for b, states in self._bins.items()}
+        self._bins = {b: states for b, states in kept.items() if states}
+        left = itertools.chain.from_iterable(self._bins.values())
+        self.farthest = max(left, key=lambda x: x.progress, default=self.farthest)
+
     @property
     def exhausted(self) -> bool:
         """Whether there is nothing left to expand."""
@@ -171,8 +179,8 @@ class Search:
         return 0.0 if self.farthest is None else self._share(self.farthest)
 
     @property
-    def hope(self) -> float:
-        """Share of what there is to be found: the motion, or one period of it, after which the rest may follow."""
+    def goal_fraction(self) -> float:
+        """Share of what it looks for that was reached: of the motion, or of the period that a gait would repeat."""
         return min(1.0, self.fraction * (self.period.count if self.period else 1))
 
     @property

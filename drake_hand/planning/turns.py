@@ -34,7 +34,7 @@ class Attempt:
     @property
     def effort(self) -> float:
         """Its cost so far, relative to how far it got; nothing as long as that is not known."""
-        return self.search.expansions / (0.3 + self.search.hope) ** 3
+        return self.search.expansions / (0.3 + self.search.goal_fraction) ** 3
 
 
 def in_turn(

@@ -199,6 +199,23 @@ def test_roots_that_the_hand_cannot_get_to_are_left():
     assert never.exhausted
 
 
+def test_what_follows_from_a_root_that_cannot_be_got_to_does_not_count(monkeypatch):
+    monkeypatch.setattr("drake_hand.planning.search.FARTHEST", 1.0)
+    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE", 0.0)
+    m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
+    good, bad = roots(m)[:2]
+    far = replace(bad, s=6.0, parent=bad)
+    search = Search(moves=m, able=lambda root: root is good)
+    search.add([good, bad, far])
+    assert search.farthest is far
+    monkeypatch.setattr(search, "_children", lambda state: [])
+    monkeypatch.setattr(search, "_first", lambda: [])
+    search.run(1, time.monotonic() + 60.0)
+    assert search.farthest is good
+    search.restart()
+    assert [x for states in search._bins.values() for x in states] == [good]
+
+
 def test_the_object_is_handed_over_to_the_fingers_wanted():
     m = moves(HAND, PENCIL, still(pose(START[HAND])), Kinematic(2), fingers=frozenset({0, 1, 2}))
     begin = roots(m, every=True)[:1]
@@ -258,15 +275,15 @@ def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):
     assert asked.index(near) == 5 * PATIENCE, "five bins back"
 
 
-def test_a_search_for_a_period_hopes_for_one(turned):
+def test_a_search_for_a_period_looks_for_one(turned):
     search, _ = turned
-    assert search.hope == search.fraction == 1.0
+    assert search.goal_fraction == search.fraction == 1.0
     gait = Search(moves=search.moves, period=Period(ticks=6, count=4, X_OO=np.eye(4)))
     x = roots(search.moves)[0]
     y = replace(x, s=3.0)
     gait.add([x, y])
     assert gait.fraction == 3.0 / search.moves.path.ticks
-    assert gait.hope == 4 * gait.fraction
+    assert gait.goal_fraction == 4 * gait.fraction
 
 
 def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():

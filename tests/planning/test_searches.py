@@ -64,15 +64,15 @@ class _Search:
 
     exhausted = False
 
-    def __init__(self, hope: float) -> None:
-        self.hope, self.expansions = hope, 0
+    def __init__(self, goal_fraction: float) -> None:
+        self.goal_fraction, self.expansions = goal_fraction, 0
 
     def run(self, budget: int, deadline: float) -> None:
         self.expansions += budget
 
 
 def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more():
-    some = [Attempt(task=None, builder=None, search=_Search(hope)) for hope in (0.9, 0.2, 0.5, 0.2)]
+    some = [Attempt(task=None, builder=None, search=_Search(share)) for share in (0.9, 0.2, 0.5, 0.2)]
     rounds = in_turn(some, [], lambda: False, np.inf)
     next(rounds)
     next(rounds)
