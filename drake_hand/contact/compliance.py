@@ -14,7 +14,7 @@ _DAMPING = 5e-4
 """Of least squares near singular postures, m."""
 
 
-def pad_compression(pad: PadSpec, force: np.ndarray, curvature: np.ndarray | float) -> np.ndarray:
+def pad_compression(pad: PadSpec, force: np.ndarray | float, curvature: np.ndarray | float) -> np.ndarray:
     """How deep a fingertip of this pad is pressed in by a normal force.
 
     A hydroelastic sphere of radius R has pressure modulus x (1 - distance from centre / R); on a flat rigid surface
@@ -59,9 +59,7 @@ def roll_correction(
         (n, k, 3) displacement of tip centres, zero where there is no contact, m.
     """
     out = np.zeros_like(n_W)
-    between = R_WT[1:] @ np.swapaxes(R_WT[:-1], 2, 3)
-    turned = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec().reshape(n_W[1:].shape)
-    slipped = n_W[1:] - n_W[:-1] - cross(turned, 0.5 * (n_W[1:] + n_W[:-1]))
+    slipped = n_W[1:] - n_W[:-1] - cross(turns(R_WT), 0.5 * (n_W[1:] + n_W[:-1]))
     slipped *= 0.5 * (depth[1:] + depth[:-1])[..., None]
     carried = R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2)
     stays = touching[1:] & touching[:-1]
@@ -72,6 +70,12 @@ def roll_correction(
         moved -= n * np.sum(n * moved, axis=1, keepdims=True)
         out[j + 1] = np.where(stays[j, :, None], moved, 0.0)
     return out
+
+
+def turns(R: np.ndarray) -> np.ndarray:
+    """Rotation vectors (n - 1, ..., 3) from each of some orientations (n, ..., 3, 3) to the next, rad."""
+    between = R[1:] @ np.swapaxes(R[:-1], -1, -2)
+    return Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec().reshape(*between.shape[:-2], 3)
 
 
 def tip_stiffness(hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:

@@ -49,6 +49,10 @@ class ForceProblem:
     drag_W: np.ndarray | None = None
     """(n, k, 3) friction force over normal force of contacts that slide, which is all the friction they have; zero
     where contacts stick."""
+    spin: np.ndarray | None = None
+    """(n, k) -1 to 1: how far pads are twisted about the inward normal; see `spin.twisted`."""
+    spin_arm: np.ndarray | float = 0.0
+    """(n, k) torque of contacts that rub over their normal force, m."""
     fixture: np.ndarray | None = None
     """(n,) knots where a fixture holds the object and forces need not balance."""
 
@@ -64,6 +68,8 @@ class ForceProblem:
             torsion_radius=self.torsion_radius,
             effort=effort[:, rows],
             drag_W=None if self.drag_W is None else self.drag_W[rows],
+            spin=None if self.spin is None else self.spin[rows],
+            spin_arm=np.broadcast_to(self.spin_arm, (n, k))[rows],
             fixture=None if self.fixture is None else self.fixture[rows],
         )
 
@@ -134,6 +140,9 @@ class _Contacts:
         self.pressed = self.share * np.broadcast_to(problem.preload, (self.n, self.k))[at]
         """(A,) normal force wanted, N."""
         self.drag = np.zeros((A, 3)) if problem.drag_W is None else problem.drag_W[at]
+        self.spin = np.zeros(A) if problem.spin is None else problem.spin[at]
+        self.spin_torque = self.spin * np.broadcast_to(problem.spin_arm, (self.n, self.k))[at]
+        """(A,) torque about the inward normal that comes with each newton of normal force, m."""
         self.slides = np.flatnonzero(self.drag.any(axis=1))
         self.rows = np.arange(A)
         self.force = np.arange(3 * A).reshape(A, 3)
@@ -214,7 +223,8 @@ def _balance(program: _ConeProgram, c: _Contacts) -> None:
     wrench = np.zeros((A, 6, 4))
     wrench[:, :3, :3] = np.eye(3)
     wrench[:, 3:, :3] = skew(c.arm) / TORQUE_LENGTH
-    wrench[:, 3:, 3] = c.normal * c.problem.torsion_radius / TORQUE_LENGTH
+    wrench[:, 3:, :3] += (c.spin_torque[:, None] * c.normal)[:, :, None] * c.normal[:, None, :] / TORQUE_LENGTH
+    wrench[:, 3:, 3] = ((1 - np.abs(c.spin)) * c.problem.torsion_radius)[:, None] * c.normal / TORQUE_LENGTH
     columns = np.concatenate([c.force, c.twist[:, None]], axis=1)
     r = (6 * place[c.knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
     s = np.broadcast_to(columns[:, None, :], (A, 6, 4))
@@ -308,8 +318,8 @@ def _forces(c: _Contacts, x: np.ndarray) -> Forces:
     f_W, torsion = np.zeros((c.n, c.k, 3)), np.zeros((c.n, c.k))
     f = x[c.force]
     f_W[c.knot, c.contact] = f
-    torsion[c.knot, c.contact] = x[c.twist] * c.problem.torsion_radius
     N = np.sum(f * c.normal, axis=1)
+    torsion[c.knot, c.contact] = x[c.twist] * (1 - np.abs(c.spin)) * c.problem.torsion_radius + c.spin_torque * N
     tangential = f - N[:, None] * c.normal
     used = np.sqrt(np.sum(tangential**2, axis=1) + x[c.twist] ** 2) / (c.friction * np.maximum(N, 1e-9))
     used[c.slides] = 0.0

@@ -10,6 +10,7 @@ from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, RigidBo
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.transform import Rotation
 
+from drake_hand.contact.spin import spin_arm
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -87,7 +88,7 @@ def build_model(
     bodies[int(scene.object_body.index())] = thing
     _set_inertia(thing, scene.object_body.default_spatial_inertia())
     tips = {f.tip_link: i for i, f in enumerate(hand.fingers)}
-    _add_shapes(spec, bodies, scene, friction, tips, hand.pad.torsion_radius_mm * 1e-3)
+    _add_shapes(spec, bodies, scene, friction, tips)
     if table is not None:
         plane = spec.worldbody.add_geom(
             name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, friction=[friction, 0.0, ROLLING_LEVER_M], condim=6, **_STIFF
@@ -181,19 +182,19 @@ def _add_shapes(
     scene: Scene,
     friction: float,
     tips: dict[str, int],
-    torsion_radius: float,
 ) -> None:
-    """Collision shapes, and which bodies do not collide."""
+    """Collision shapes, and which bodies do not collide. Tips rub where they spin as far as their pads touch."""
     inspector, plant = scene.scene_graph.model_inspector(), scene.plant
     shapes: list[tuple[RigidBody, GeometryId]] = []
     names = tip_shapes(scene.hand)
     for g in inspector.GetAllGeometryIds(Role.kProximity):
         link = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
         tip = tips.get(link.name()) if link.model_instance() == scene.hand_model else None
+        rubs = 0.0 if tip is None else float(spin_arm(scene.hand.pad, scene.hand.fingers[tip].radius, friction))
         geom = bodies[int(link.index())].add_geom(
             name=names[tip] if tip is not None else f"{link.name()}_{len(shapes)}",
-            friction=[friction, torsion_radius * friction, 0.0],
-            condim=4,
+            friction=[friction, rubs, 0.0],
+            condim=3 if tip is None else 4,
             mass=0.0,
             priority=int(tip is not None),
             **_STIFF,

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction
+from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, turns
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.forces import ForceProblem, Unbalanced, balance_forces
+from drake_hand.contact.spin import spin_arm, twisted
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
@@ -106,6 +107,14 @@ def add_forces(
         torsion_radius=holding.torsion_radius,
         effort=_room(hand, q + weight, holding.effort),
         drag_W=holding.sliding_friction * light.slip_W,
+        spin=twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching),
+        spin_arm=np.stack(
+            [
+                spin_arm(hand.pad, finger.radius, holding.sliding_friction, wanted[:, i], bend[:, i])
+                for i, finger in enumerate(hand.fingers)
+            ],
+            axis=1,
+        ),
         fixture=held,
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 from drake_hand.contact.compliance import tip_stiffness
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.equilibrium import Capacity, margins
+from drake_hand.contact.spin import spin_arm
 from drake_hand.model.hand import Hand
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
@@ -73,6 +74,8 @@ class Equilibrium:
         """Of the object on earth, N: what tolerances go by."""
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
+        self.spin_arm = np.array([float(spin_arm(hand.pad, f.radius, friction)) for f in hand.fingers])
+        """Torque of contacts that spin over their normal force, by finger, m."""
         self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]

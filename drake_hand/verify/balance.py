@@ -14,6 +14,8 @@ _LEAST_FORCE = 1e-3
 """N; a contact pressed less than this has no friction to judge."""
 _SLIDING = 1e-4
 """m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
+TORSION_KNOWN = (0.5, 1.25)
+"""Bounds of the torsion of a twisted pad, over what is worked out."""
 _SWEEPS = 60
 _SETTLED = 1e-3
 """Change of the balance ratio between samples below which a ramp is over."""
@@ -32,6 +34,18 @@ class Body:
     friction: float
     torsion_radius: float
     """Soft-finger torque limit over friction force, m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torsion:
+    """What pads are twisted by, where tips turn over the object about the normals of their contacts."""
+
+    twist: np.ndarray
+    """(k, F) -1 to 1 about the outward normal, 1 where they rub."""
+    moving: np.ndarray
+    """(k,) whether object or tips move: where they rest, pads may be as they were, or let go."""
+    lever: np.ndarray
+    """(k, F) mean lever of the patch's friction, m."""
 
 
 def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.ndarray:
@@ -53,19 +67,24 @@ def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.nd
     return np.where(np.linalg.norm(f_W, axis=-1) < _LEAST_FORCE, np.nan, margin)
 
 
-def unbalanced(states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.ndarray, body: Body) -> np.ndarray:
+def unbalanced(
+    states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.ndarray, torsion: Torsion, body: Body
+) -> np.ndarray:
     """What no contact force balances, over its tolerance.
 
     Newton and Euler about the object's centre of mass: contact forces as planned, gravity, the plan's own
     acceleration. Every contact may add a torsional moment about its normal, as far as the ellipse of friction force
     and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5); moments are chosen to balance best, by
-    coordinate descent. The friction of a finger that slides is mu f_n against its motion, whatever the plan says.
+    coordinate descent. Where a tip turns over the object its pad is twisted and drags the object round: that moment
+    is there, whether it helps or not, and known within `TORSION_KNOWN`. The friction of a finger that slides is mu f_n
+    against its motion, whatever the plan says.
 
     Args:
         states: k samples, F fingers.
         p_OS: (k, F, 3) contact points in O.
         n_O: (k, F, 3) outward normals in O.
         slip_W: (k, F, 3) velocity with which a finger slides over the object, m/s; zero where it does not.
+        torsion: of pads that are twisted.
         body: the object.
 
     Returns:
@@ -91,24 +110,33 @@ def unbalanced(states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.nda
 
     grip = body.friction * np.maximum(press, 0.0)
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
-    limit = body.torsion_radius * np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
+    left = np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
+    helps, drags = body.torsion_radius * left, np.abs(torsion.twist) * torsion.lever * left
+    most = TORSION_KNOWN[1] * drags + (1 - np.abs(torsion.twist)) * helps
+    least = TORSION_KNOWN[0] * drags - (1 - np.abs(torsion.twist)) * helps
+    rests = ~torsion.moving[:, None]
+    most, least = np.where(rests, np.maximum(most, helps), most), np.where(rests, -helps, least)
+    onward = torsion.twist >= 0
     torque = np.ascontiguousarray(torque)
-    _add_torsion(torque, np.ascontiguousarray(n_W), np.ascontiguousarray(limit))
+    _add_torsion(torque, np.ascontiguousarray(n_W), np.where(onward, least, -most), np.where(onward, most, -least))
     tolerance = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
     return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH) / tolerance
 
 
-@njit("void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1])")
-def _add_torsion(torque, n, limit):
-    """Reduces torques (k, 3) as far as moments m_f n_f, |m_f| <= limit (k, F), can."""
-    moment = np.empty(limit.shape[1])
+@njit("void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1])")
+def _add_torsion(torque, n, least, most):
+    """Reduces torques (k, 3) as far as moments m_f n_f between bounds (k, F) can."""
+    moment = np.empty(least.shape[1])
     for k in range(len(torque)):
-        moment[:] = 0.0
+        for f in range(len(moment)):
+            moment[f] = min(max(0.0, least[k, f]), most[k, f])
+            for i in range(3):
+                torque[k, i] += moment[f] * n[k, f, i]
         for _ in range(_SWEEPS):
             changed = False
             for f in range(len(moment)):
                 along = torque[k, 0] * n[k, f, 0] + torque[k, 1] * n[k, f, 1] + torque[k, 2] * n[k, f, 2]
-                new = min(max(moment[f] - along, -limit[k, f]), limit[k, f])
+                new = min(max(moment[f] - along, least[k, f]), most[k, f])
                 step = new - moment[f]
                 changed = changed or step != 0.0
                 for i in range(3):

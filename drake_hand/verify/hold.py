@@ -14,6 +14,7 @@ from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
+from drake_hand.verify.spin import torsion
 from drake_hand.verify.table import borne, check_clear
 
 _STILL = 1e-8
@@ -76,7 +77,7 @@ def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.
     slip_W = sliding_velocity(seen)
     findings.add("force_margin", np.where(seen.digits == SLIDE, np.nan, margin), s.t, s.part, plan.fingers)
     findings.add("effort_ratio", np.abs(seen.torque) / scene.hand.effort, s.t, s.part, plan.joints)
-    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, _body(plan, scene))
+    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, torsion(seen, scene), _body(plan, scene))
 
 
 def _body(plan: Plan, scene: Scene) -> Body:

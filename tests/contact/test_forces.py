@@ -216,6 +216,19 @@ def test_a_finger_that_slides_presses_lightly_and_drags_the_object_along():
     assert np.all(N[:2, 3] > 0.35)
 
 
+def test_contacts_that_rub_turn_the_object_and_the_others_bear_it():
+    p, n, J = rod(4, *CAGE)
+    spin, arm = np.zeros((4, 5)), np.full((4, 5), 1e-3)
+    spin[1:, 0] = 0.5, 1.0, -1.0
+    forces = solve(p, n, np.ones((4, 5)), J, spin=spin, spin_arm=arm)
+    f, N = forces.f_W, np.sum(forces.f_W * n, -1)
+    torque = np.cross(p, f).sum(axis=1) + (forces.torsion[..., None] * n).sum(axis=1)
+    np.testing.assert_allclose(torque, 0, atol=1e-7)
+    np.testing.assert_allclose(forces.torsion[2:, 0], [1e-3 * N[2, 0], -1e-3 * N[3, 0]], atol=1e-9)
+    helps = np.abs(forces.torsion[1, 0] - 0.5e-3 * N[1, 0])
+    assert helps <= 0.5 * FRICTION * RADIUS * N[1, 0] + 1e-9
+
+
 def test_what_a_tip_gathered_by_rolling_fades_while_it_slides():
     n_W, R_WT = (
         np.tile([0.0, 0.0, -1.0], (40, 1, 1)),

@@ -22,6 +22,7 @@ from drake_hand.plans.task import Task
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.balance import Body, friction_margins, unbalanced
 from drake_hand.verify.observe import observe
+from drake_hand.verify.spin import torsion
 
 HAND = Hand.load("kanguera")
 
@@ -98,7 +99,7 @@ def test_forces_carry_the_object_as_fast_as_it_moves(plan):
     assert body is not None
     what = Body(mass=body.mass, p_OCom=body.p_OCom, I_OCom=body.I_OCom, gravity=np.array(plan.task.physics.gravity),
                 friction=0.8, torsion_radius=3e-4)  # fmt: skip
-    contacts = np.nan_to_num(seen.p_OS), np.nan_to_num(seen.n_O), np.zeros_like(seen.p_OS)
+    contacts = np.nan_to_num(seen.p_OS), np.nan_to_num(seen.n_O), np.zeros_like(seen.p_OS), torsion(seen, scene)
     moves = np.linalg.norm(seen.states.V_WO, axis=1) > 0.1
     heavy = unbalanced(seen.states, *contacts, what)[moves]
     s = seen.states

@@ -5,10 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
+from drake_hand.contact.compliance import turns
+from drake_hand.contact.spin import twisted
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE
 from drake_hand.planning.holding import Kinematic
-from drake_hand.planning.kernels import hold, stroke, transit
+from drake_hand.planning.kernels import hold, stroke, transit, world
+from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
 from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
 from drake_hand.planning.transit import MOVING, STEP, Surroundings
@@ -171,16 +174,59 @@ def test_a_stroke_ends_where_its_contacts_hold_no_longer():
     m = moves("quartet", "pencil_r8", way, holding)
     states = grasp.roots(m, waiting("quartet"), every=False, most=False)
     q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
-    q, length, why, _ = carried(m, q0, touching, m.load)
+    load_ = m.load._replace(spin_arm=np.zeros(4))  # `margins` knows nothing of pads that are twisted already
+    limp = equilibrium("quartet", "pencil_r8", preload=0.35)
+    limp.torsion_radius = 0.0
+    q, length, why, _ = carried(m, q0, touching, load_)
     ended = np.flatnonzero(why == BALANCE)
     assert len(ended)
     X = np.ascontiguousarray(way.X_WO[:, :3])
     for i in ended:
         rows = slice(0, length[i] + 2)
         on = np.repeat(touching[i : i + 1], length[i] + 2, axis=0)
-        margins = holding.margins(as_sets(m.clearance, X[rows], q[i, rows], on))
-        assert (margins[:-1] >= -1e-6).all()
-        assert margins[-1] < 1e-6
+        sets = as_sets(m.clearance, X[rows], q[i, rows], on)
+        assert (holding.margins(sets)[:-1] >= -1e-6).all()
+        assert limp.margins(sets)[-1] < 1e-6
+
+
+def test_pads_twist_as_they_do_by_the_plain_formulas():
+    way = path("kanguera", turn(25.0))
+    m, c = moves("kanguera", "cube", way), clearance("kanguera", "cube")
+    X, s, turned, ends = np.ascontiguousarray(way.X_WO[:, :3]), world.scratch(m.world), np.zeros(3), []
+    for f, kin in enumerate(c.kinematics):
+        q = m.contacts(f, X[0], some=20)[0]
+        q0 = np.repeat(waiting("kanguera")[None], len(q), axis=0)
+        q0[:, f] = q
+        touching = np.zeros((len(q), len(c.kinematics)), dtype=bool)
+        touching[:, f] = True
+        q, length, _, _ = carried(m, q0, touching, anything(m))
+        for i in np.flatnonzero(length > 3):
+            rows = slice(0, length[i] + 1)
+            p_WC, R_WT = kin.fk(q[i, rows, f, : len(kin.lower)])
+            R_WO, p_WO = X[rows, :, :3], X[rows, :, 3]
+            nhat_W = np.einsum("kij,kj->ki", R_WO, c.surface.closest(np.einsum("kji,kj->ki", R_WO, p_WC - p_WO))[1])
+            on = np.ones((len(R_WO), 1), bool)
+            plain = twisted(turns(R_WT[:, None]), turns(R_WO[:, None]), -nhat_W[:, None], on)[:, 0]
+            s.spin[:] = 0.0
+            for k in range(1, len(plain)):
+                hold.contact_at(m.world, f, q[i, k, f], X[k], s)
+                log(X[k - 1], X[k], turned)
+                hold.twists(m.world, f, q[i, k, f], q[i, k - 1, f], turned, s)
+                assert s.spin[f] == pytest.approx(plain[k], abs=0.02)
+            ends.append(s.spin[f])
+    assert np.ptp(ends) > 0.5
+
+
+def test_contacts_that_rub_hold_less_far():
+    way = path("kanguera", turn(30.0))
+    holding = equilibrium("kanguera", "cube")
+    m = moves("kanguera", "cube", way, holding)
+    states = grasp.roots(m, waiting("kanguera"), every=False, most=False)
+    q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
+    _, rubs, why, _ = carried(m, q0, touching, m.load)
+    _, sticks, _, _ = carried(m, q0, touching, m.load._replace(spin_arm=np.zeros(5)))
+    assert (rubs <= sticks).mean() > 0.9, "now and then it helps"
+    assert (rubs[why == BALANCE] < sticks[why == BALANCE]).any()
 
 
 @pytest.mark.parametrize(("hand", "object_"), [("kanguera", "pencil_r8"), ("trio", "cube")])

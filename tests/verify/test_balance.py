@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.tolerances import UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
-from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
+from drake_hand.verify.balance import TORSION_KNOWN, Body, Torsion, fixture, friction_margins, unbalanced
 
 G = np.array([0.0, 0.0, -9.81])
 
@@ -45,8 +45,10 @@ def states(f_W, X=None, V=None, A=None):
     )
 
 
-def ratio(s, p, n, b, slip=None):
-    return unbalanced(s, p, n, np.zeros_like(s.f_W) if slip is None else slip, b)
+def ratio(s, p, n, b, slip=None, torsion=None):
+    flat = np.zeros(s.f_W.shape[:2])
+    none = Torsion(twist=flat, moving=np.ones(len(flat), bool), lever=flat)
+    return unbalanced(s, p, n, np.zeros_like(s.f_W) if slip is None else slip, torsion or none, b)
 
 
 def test_friction_margin_is_the_part_of_the_cone_left():
@@ -155,3 +157,41 @@ def test_a_hold_that_fails_in_between_is_not_the_fixtures_business():
     held = np.array([False, True, True, False, False, True])
     moved = np.zeros(5, dtype=bool)
     assert fixture(touching, held, moved, np.full(6, np.nan)).tolist() == [True] + [False] * 5
+
+
+def pivoting(moment, twist, *, moving=True, lever=1e-3):
+    """What is unbalanced of a weightless object that two tips pinch, pads twisted, and a couple of two more turns."""
+    n = np.array([[0, 0, 1.0], [0, 0, -1], [1, 0, 0], [-1, 0, 0]])
+    p = np.array([[0, 0, 0.02], [0, 0, -0.02], [0.02, 0, 0], [-0.02, 0, 0]])
+    aside = moment / 0.04
+    f = np.array([[0, 0, -1.0], [0, 0, 1], [-1, aside, 0], [1, -aside, 0]])[None]
+    still = np.zeros((1, 4))
+    torsion = Torsion(
+        twist=np.array([[twist, -twist, 0, 0]]), moving=np.array([moving]), lever=still + [lever, lever, 0, 0]
+    )
+    s = states(f)
+    return ratio(s, p[None], n[None], body(gravity=np.zeros(3), p_OCom=np.zeros(3)), torsion=torsion)[0]
+
+
+def test_pads_that_rub_are_a_load_that_others_bear():
+    """Both tips, pressed by 1 N each, turn the object with 0.8 mNm about z; friction of the couple leaves the rest."""
+    drags = 2 * 0.8e-3
+    assert pivoting(-drags, 1.0) < 1e-6
+    assert pivoting(0.0, 1.0) > 1.0, "no one bears it"
+    assert pivoting(drags, 1.0) > pivoting(0.0, 1.0), "it goes the other way round"
+    assert pivoting(-drags, -1.0) > 1.0
+    assert pivoting(0.0, 0.0) < 1e-6
+
+
+def test_torsion_of_twisted_pads_is_known_within_bounds():
+    drags, tolerance = 2 * 0.8e-3, UNBALANCED_SHARE * 0.05 * 9.81 * 0.01
+    for share, bound in zip(TORSION_KNOWN, (-1, 1), strict=True):
+        assert pivoting(-(share - 0.02 * bound) * drags, 1.0) < 1e-6
+        beyond = pivoting(-(share + 0.2 * bound) * drags, 1.0)
+        assert beyond == pytest.approx(0.2 * drags / tolerance, rel=0.01)
+
+
+def test_pads_at_rest_may_be_twisted_or_not():
+    for share in (0.0, 0.5, 1.0):
+        assert pivoting(-share * 2 * 0.8e-3, 1.0, moving=False) < 1e-6
+    assert pivoting(2 * 0.8e-3, 1.0, moving=False) > 1.0

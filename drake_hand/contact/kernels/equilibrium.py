@@ -18,7 +18,7 @@ _PIVOTS = 400
 
 
 @njit()
-def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag):
+def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag, spin, arm):
     """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row."""
     small = 0
     for x in range(1, 3):
@@ -34,12 +34,12 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
     slides = drag[0] != 0.0 or drag[1] != 0.0 or drag[2] != 0.0
     for x in range(_COLUMNS):
         column = j * _COLUMNS + x
-        u, v, torsion = 0.0, 0.0, 0.0
+        u, v, torsion = 0.0, 0.0, spin * arm
         if x < EDGES:
             u = friction * math.cos(2 * math.pi * x / EDGES)
             v = friction * math.sin(2 * math.pi * x / EDGES)
         else:
-            torsion = friction * torsion_radius * (1.0 if x == EDGES else -1.0)
+            torsion += (1.0 - abs(spin)) * friction * torsion_radius * (1.0 if x == EDGES else -1.0)
         fx, fy, fz = n[0] + u * t1x + v * t2x, n[1] + u * t1y + v * t2y, n[2] + u * t1z + v * t2z
         if slides:
             fx, fy, fz, torsion = n[0] + drag[0], n[1] + drag[1], n[2] + drag[2], 0.0
@@ -137,7 +137,22 @@ def workspace(k):
 
 @njit()
 def margin(
-    tableau, basis, p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag, enough
+    tableau,
+    basis,
+    p_WP,
+    n_W,
+    mask,
+    p_WCom,
+    force_W,
+    friction,
+    torsion_radius,
+    f_max_inverse,
+    J,
+    effort,
+    drag,
+    spin,
+    arm,
+    enough,
 ):
     """One set of `margins_of`; of what is more than `enough` only that."""
     k, c = len(mask), 0
@@ -150,7 +165,21 @@ def margin(
     for a in range(k):
         if mask[a]:
             _contact(
-                T, 6, c, j, p_WP[a], n_W[a], p_WCom, friction, torsion_radius, f_max_inverse, J[a], effort[a], drag[a]
+                T,
+                6,
+                c,
+                j,
+                p_WP[a],
+                n_W[a],
+                p_WCom,
+                friction,
+                torsion_radius,
+                f_max_inverse,
+                J[a],
+                effort[a],
+                drag[a],
+                spin[a],
+                arm[a],
             )
             j += 1
     _frame(T, basis, c, columns, force_W)
@@ -166,6 +195,7 @@ def margins_of(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max
     N, k = mask.shape
     out = np.empty(N)
     tableau, basis = workspace(k)
+    still = np.zeros(k)
     for i in range(N):
         out[i] = margin(
             tableau,
@@ -181,6 +211,8 @@ def margins_of(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max
             J[i],
             effort,
             drag[i],
+            still,
+            still,
             np.inf,
         )
     return out

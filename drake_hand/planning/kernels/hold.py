@@ -10,6 +10,7 @@ from numba import boolean, float64
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import margin
 from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
+from drake_hand.contact.spin import TWIST_RAD
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
 COUNTS = 0.3
@@ -26,6 +27,23 @@ def contact_at(w, f, q, X, s):
         s.P[f, i] = at[i] - r * at[6 + i]
     jacobian(w.chains, f, s.p, s.R, s.P[f, 0], s.P[f, 1], s.P[f, 2], s.JP[f])
     return at
+
+
+@njit()
+def twists(w, f, q, before, turned, s):
+    """Twists the pad of finger f, whose contact was taken last, on; see `contact.spin`.
+
+    From posture `before` to q (m,) its object has turned by a rotation vector.
+    """
+    c, n = w.chains, s.N[f]
+    x, y, z = -turned[0], -turned[1], -turned[2]
+    for a in range(c.first[f], c.first[f + 1]):
+        if not c.prismatic[a]:
+            step = c.multiplier[a] * (q[c.source[a]] - before[c.source[a]])
+            x += step * s.R[a, 0, 2]
+            y += step * s.R[a, 1, 2]
+            z += step * s.R[a, 2, 2]
+    s.spin[f] = min(max(s.spin[f] + (x * n[0] + y * n[1] + z * n[2]) / TWIST_RAD, -1.0), 1.0)
 
 
 @njit()
@@ -67,6 +85,8 @@ def held(w, load, mask, X, s, enough):
             s.JP,
             load.effort,
             s.drag,
+            s.spin,
+            load.spin_arm,
             load.preload + enough,
         )
         - load.preload

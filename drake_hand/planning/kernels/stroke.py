@@ -11,7 +11,7 @@ from drake_hand.compiled import njit
 from drake_hand.contact.kernels.geometry import edge_distance
 from drake_hand.contact.kernels.rolling import jacobian, least_squares, rates, tip, touch
 from drake_hand.planning.kernels.clear import collides, into, off_object, off_palm, place
-from drake_hand.planning.kernels.hold import contact_at, held
+from drake_hand.planning.kernels.hold import contact_at, held, twists
 from drake_hand.planning.kernels.pose import log, turned
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END, LIMIT, LOAD, SINGULAR, WORLD, scratch
 
@@ -99,6 +99,17 @@ def roll_on(w, f, q, fixed, A, B, twist, pose, mid, s):
     return END
 
 
+@njit()
+def _held_on_the_way(w, load, touching, q, X, a, b, turn, s):
+    """Whether contacts hold the object at pose b of a path X (K, 3, 4), q (K, n, m); a is where that was asked last."""
+    log(X[a], X[b], turn)
+    for f in range(len(touching)):
+        if touching[f]:
+            contact_at(w, f, q[b, f], X[b], s)
+            twists(w, f, q[b, f], q[a, f], turn, s)
+    return held(w, load, touching, X[b], s, 0.0) >= 0
+
+
 @njit(
     (
         WORLD,
@@ -136,6 +147,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
     for i in range(N):
         q[i, 0] = q0[i]
         length[i], why[i], who[i] = 0, END, -1
+        s.spin[:] = 0.0
         for f in range(n):
             place(w, f, q0[i, f], s)
             if touching[i, f]:
@@ -156,22 +168,15 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
             if reason == END:
                 reason, guilty = collides(w, q[i, k], touching[i], B, s)
             if reason == END and (k % every == 0 or k == K[i]):
-                for f in range(n):
-                    if touching[i, f]:
-                        contact_at(w, f, q[i, k, f], B, s)
-                if held(w, load, touching[i], B, s, 0.0) < 0:
+                if not _held_on_the_way(w, load, touching[i], q[i], X[i], length[i], k, twist, s):
                     reason = BALANCE
                 else:
                     length[i] = k
             if reason != END:
                 why[i], who[i] = reason, guilty
-                if reason != BALANCE and k - 1 > length[i]:
-                    # The last steps were not tested for balance yet.
-                    for f in range(n):
-                        if touching[i, f]:
-                            contact_at(w, f, q[i, k - 1, f], A, s)
-                    if held(w, load, touching[i], A, s, 0.0) >= 0:
-                        length[i] = k - 1
+                untested = reason != BALANCE and k - 1 > length[i]
+                if untested and _held_on_the_way(w, load, touching[i], q[i], X[i], length[i], k - 1, twist, s):
+                    length[i] = k - 1
                 break
 
 

@@ -95,6 +95,8 @@ class Load(NamedTuple):
     force_W: np.ndarray
     friction: float
     torsion_radius: float
+    spin_arm: np.ndarray
+    """(n,) torque of contacts that rub over their normal force, m; see `contact.spin`."""
     preload: float
     dexterity: float
     """Least singular value of the Jacobians of tips that hold, m/rad: below, offsets bring about no such forces."""
@@ -126,6 +128,7 @@ class Scratch(NamedTuple):
     N: np.ndarray
     JP: np.ndarray
     drag: np.ndarray
+    spin: np.ndarray
     tableau: np.ndarray
     basis: np.ndarray
     force: np.ndarray
@@ -149,6 +152,7 @@ def scratch(w):
         np.zeros((n, 3)),
         np.zeros((n, 3, m)),
         np.zeros((n, 3)),
+        np.zeros(n),
         tableau,
         basis,
         np.zeros(3),
@@ -176,7 +180,7 @@ def _types() -> tuple[numba.types.Type, ...]:
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
     world = World(chains, solid, solid, table, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, 0.0, floats(0, 0))
+    load = Load(False, 0, floats(3), 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds, solid))
 

@@ -1,0 +1,76 @@
+"""Spin: a tip that turns about its contact's normal twists its pad, then rubs, and drags the object round with it.
+
+Torsion of a contact that does not spin may help to hold the object (soft finger, Murray, Li & Sastry 1994, ch. 5), and
+plans rely on little of it. Where a contact spins it has a sign: it acts on the object the way the tip turns over it,
+with all the friction of the patch, and the other contacts must bear it. A cube that pivots between two tips is dropped
+by plans that leave it out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.contact.compliance import pad_compression
+from drake_hand.model.hand import PadSpec
+
+PRESS_N = 1.0
+"""Normal force for which the patch is worked out; its radius goes by the fourth root."""
+LEFT = 0.9
+"""Of the friction of a contact that uses 0.4 of it to hold."""
+TWIST_RAD = np.radians(3.0)
+"""Spin that a pad takes up by twisting before it rubs: torsion over the stiffness 16 G a^3 / 3 of a round patch
+(Johnson 1985, section 3.9), for a = 2 mm, G = 0.7 MPa and 2 N."""
+_STILL_RAD = 1e-9
+
+
+def spin_arm(
+    pad: PadSpec,
+    radius: float,
+    friction: float,
+    press: np.ndarray | float = PRESS_N,
+    curvature: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    """Torque of a contact that rubs, over its normal force.
+
+    A pad pressed in by d on a tip of radius R touches out to a = sqrt(2 R d) on a flat surface, with a pressure that
+    falls as 1 - (r / a)^2: friction then acts at 8 a / 15 in the mean. Only what is `LEFT` of it is free to do so.
+
+    Args:
+        pad: the fingertip's material.
+        radius: R, m.
+        friction: coefficient while it rubs.
+        press: (...) normal force, N.
+        curvature: (...) that of `pad_compression`.
+
+    Returns:
+        (...) m.
+    """
+    a = np.sqrt(2 * radius * pad_compression(pad, press, curvature) / np.sqrt(curvature))
+    return LEFT * friction * 8 / 15 * a
+
+
+def twisted(tip: np.ndarray, object_: np.ndarray, inward: np.ndarray, touching: np.ndarray) -> np.ndarray:
+    """How far pads are twisted at n knots, over the most they can be: their torsion over that of a contact that rubs.
+
+    A tip that turns over the object about the normal twists its pad up to `TWIST_RAD`, then rubs. Where nothing moves,
+    pads are let go.
+
+    Args:
+        tip: (n - 1, k, 3) rotation vectors of tips from knot to knot.
+        object_: (n - 1, 1, 3) of the object.
+        inward: (n, k, 3) the contacts' normals into the object.
+        touching: (n, k) where there is contact.
+
+    Returns:
+        (n, k) -1 to 1, of a torque on the object about the inward normal.
+    """
+    spin = np.sum((tip - object_) * (inward[1:] + inward[:-1]), axis=-1) / 2 / TWIST_RAD
+    stays = touching[1:] & touching[:-1]
+    moves = (np.linalg.norm(tip, axis=-1) * stays).max(axis=1) + np.linalg.norm(object_, axis=-1)[:, 0] > _STILL_RAD
+    stays &= moves[:, None]
+    out = np.zeros(touching.shape)
+    for j, step in enumerate(spin):
+        begins = j == 0 or not moves[j - 1]
+        before = np.zeros(len(step)) if begins else out[j]
+        out[j + 1] = np.where(stays[j], np.clip(before + step, -1.0, 1.0), 0.0)
+    return out

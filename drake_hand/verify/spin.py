@@ -1,0 +1,63 @@
+"""How far pads are twisted by tips that turn over the object about the normals of their contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_hand.compiled import njit
+from drake_hand.model.scene import Scene
+from drake_hand.verify.balance import Torsion
+from drake_hand.verify.contacts import FREE
+from drake_hand.verify.observe import Observed
+from drake_hand.verify.surface import PackedObject
+
+TWIST_RAD = np.radians(3.0)
+"""Spin that a pad takes up by twisting before it rubs."""
+_STILL_RAD = 1e-10
+"""Turns between samples below which nothing moves."""
+
+
+def torsion(seen: Observed, scene: Scene) -> Torsion:
+    """Follows the spin of every contact along a plan.
+
+    A hydroelastic pad of modulus E on radius R, pressed by N, goes in by d with N = pi E d^2 where the object is flat,
+    touches out to sqrt(2 R d), and rubs at 8/15 of that in the mean: its pressure falls as a parabola.
+    """
+    assert scene.object is not None
+    s, solid, E = seen.states, PackedObject.of(scene.object), scene.hand.pad.hydroelastic_modulus_pa
+    n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], np.nan_to_num(seen.n_O))
+    tip, thing = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
+    spin = np.sum((tip - thing) * (n_W[1:] + n_W[:-1]) / 2, axis=-1) / TWIST_RAD
+    touching = seen.digits != FREE
+    holding = np.linalg.norm(tip, axis=-1) * (touching[1:] & touching[:-1])
+    moves = holding.max(axis=1) + np.linalg.norm(thing[:, 0], axis=-1) > _STILL_RAD
+    lever = np.zeros(seen.gap.shape)
+    for i, finger in enumerate(scene.hand.fingers):
+        rows = np.flatnonzero(touching[:, i])
+        bend = np.sqrt(solid.bend(seen.p_OC[rows, i], seen.n_O[rows, i], finger.radius))
+        press = np.maximum(-np.sum(s.f_W[rows, i] * n_W[rows, i], axis=1), 0.0)
+        lever[rows, i] = 8 / 15 * np.sqrt(2 * finger.radius / bend * np.sqrt(press * bend / (np.pi * E)))
+    twist, moving = np.zeros(touching.shape), np.zeros(len(touching), dtype=np.bool_)
+    _follow(np.ascontiguousarray(spin), moves, touching, s.t, twist, moving)
+    return Torsion(twist=twist, moving=moving, lever=lever)
+
+
+def _turned(R: np.ndarray) -> np.ndarray:
+    """(k - 1, ..., 3) small rotation vectors from each of some orientations (k, ..., 3, 3) to the next."""
+    D = R[1:] @ np.swapaxes(R[:-1], -1, -2)
+    D = (D - np.swapaxes(D, -1, -2)) / 2
+    return np.stack([D[..., 2, 1], D[..., 0, 2], D[..., 1, 0]], axis=-1)
+
+
+@njit("void(f8[:, ::1], b1[::1], b1[:, ::1], f8[::1], f8[:, ::1], b1[::1])")
+def _follow(spin, moves, touching, t, twist, moving):
+    """Writes twists (k, F) and whether something moves (k,); a sample on either side of a switch is one instant."""
+    moved = False
+    for k in range(1, len(t)):
+        instant = t[k] == t[k - 1]
+        goes = moved if instant else moves[k - 1]
+        for f in range(touching.shape[1]):
+            if touching[k, f] and touching[k - 1, f]:
+                before = twist[k - 1, f] if (moved or instant or not goes) else 0.0
+                twist[k, f] = min(max(before + spin[k - 1, f], -1.0), 1.0)
+        moving[k], moved = goes, goes

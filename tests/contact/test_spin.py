@@ -1,0 +1,105 @@
+"""Torsion of contacts that spin: against Drake's hydroelastic patches, and by hand."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    Box,
+    ProximityProperties,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, CoulombFriction
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from drake_hand.contact.compliance import turns
+from drake_hand.contact.spin import LEFT, TWIST_RAD, spin_arm, twisted
+from drake_hand.model.hand import Hand
+
+FRICTION, R = 0.8, 0.008
+PAD = Hand.load("kanguera").pad
+
+
+def drakes_contact(depth, rate):
+    """Normal force and moment about the normal of a pad that spins at a rate, pressed into a plate by a depth."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    plant.SetUseSampledOutputPorts(False)
+    plant.set_contact_model(ContactModel.kHydroelasticWithFallback)
+    hard, soft = ProximityProperties(), ProximityProperties()
+    AddRigidHydroelasticProperties(properties=hard)
+    AddCompliantHydroelasticProperties(0.0005, PAD.hydroelastic_modulus_pa, soft)
+    for properties in (hard, soft):
+        AddContactMaterial(0.0, 1e6, CoulombFriction(FRICTION, FRICTION), properties)
+    plant.RegisterCollisionGeometry(
+        plant.world_body(), RigidTransform([0, 0, -0.05]), Box(0.1, 0.1, 0.1), "plate", hard
+    )
+    heavy = SpatialInertia.SolidSphereWithMass(1e6, 1.0)
+    lift, tip = plant.AddRigidBody("lift", heavy), plant.AddRigidBody("tip", heavy)
+    plant.RegisterCollisionGeometry(tip, RigidTransform(), Sphere(R), "tip", soft)
+    up = plant.AddJoint(PrismaticJoint("up", plant.world_frame(), lift.body_frame(), [0, 0, 1]))
+    spin = plant.AddJoint(RevoluteJoint("spin", lift.body_frame(), tip.body_frame(), [0, 0, 1]))
+    plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = plant.GetMyMutableContextFromRoot(context)
+    up.set_translation(own, R - depth)
+    spin.set_angular_rate(own, rate)
+    info = plant.get_contact_results_output_port().Eval(own).hydroelastic_contact_info(0)
+    wrench = info.F_Ac_W()
+    return abs(wrench.translational()[2]), abs(wrench.rotational()[2])
+
+
+@pytest.mark.parametrize("depth", [1.5e-4, 2.5e-4, 4e-4])
+def test_a_pad_that_rubs_has_the_torque_of_drakes(depth):
+    press, moment = drakes_contact(depth, 1.0)
+    arm = spin_arm(PAD, R, FRICTION, press) / LEFT
+    assert moment / press == pytest.approx(arm, rel=0.05)
+    assert drakes_contact(depth, 0.0)[1] < 0.01 * moment
+
+
+def test_on_a_rod_a_pad_touches_less():
+    """Over a rod of radius r the patch is an ellipse whose half axes are as 1 to (1 + R / r) ^ -0.5."""
+    press, bend = 1.0, 1 + R / 0.008
+    depth = np.sqrt(press * np.sqrt(bend) / (np.pi * PAD.hydroelastic_modulus_pa))
+    a, b = np.sqrt(2 * R * depth), np.sqrt(2 * R * depth / bend)
+    r, phi = np.meshgrid((np.arange(400) + 0.5) / 400, np.linspace(0, 2 * np.pi, 400, endpoint=False), indexing="ij")
+    weight = (1 - r**2) * r
+    lever = np.sum(np.hypot(a * r * np.cos(phi), b * r * np.sin(phi)) * weight) / weight.sum()
+    assert spin_arm(PAD, R, 1.0, press, bend) / LEFT == pytest.approx(lever, rel=0.03)
+
+
+def followed(tip_rad, object_rad, moves=None):
+    """Twists of one contact, normal into the object along z, whose tip and object turn about z to angles (n,)."""
+
+    def about_z(angle):
+        return Rotation.from_euler("z", np.asarray(angle)[:, None]).as_matrix()[:, None]
+
+    n = len(tip_rad)
+    inward, on = np.tile([0.0, 0.0, 1.0], (n, 1, 1)), np.ones((n, 1), bool)
+    return twisted(turns(about_z(tip_rad)), turns(about_z(object_rad)), inward, on if moves is None else moves)[:, 0]
+
+
+def test_a_pad_twists_and_then_rubs_and_twists_back():
+    angle = TWIST_RAD * np.array([0, 0.5, 1.0, 1.5, 1.0, -0.5, -1.0])
+    none = np.zeros(7)
+    np.testing.assert_allclose(followed(angle, none), [0, 0.5, 1.0, 1.0, 0.5, -1.0, -1.0], atol=1e-9)
+    np.testing.assert_allclose(followed(none, angle), [0, -0.5, -1.0, -1.0, -0.5, 1.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(followed(angle, angle), 0, atol=1e-9)
+
+
+def test_where_nothing_moves_pads_are_let_go():
+    angle = TWIST_RAD * np.array([0, 0.6, 0.6, 0.6, 0.9])
+    # the end of a motion still has the twist it ended with
+    np.testing.assert_allclose(followed(angle, 0 * angle), [0, 0.6, 0, 0, 0.3], atol=1e-9)
+
+
+def test_a_new_contact_is_not_twisted():
+    angle = TWIST_RAD * np.array([0, 0.2, 0.4, 0.6])
+    on = np.array([1, 0, 1, 1], bool)[:, None]
+    np.testing.assert_allclose(followed(angle, 0 * angle, on), [0, 0, 0, 0.2], atol=1e-9)
