@@ -12,14 +12,12 @@ import numpy as np
 
 from drake_hand.contact.compliance import pad_compression
 from drake_hand.model.hand import PadSpec
+from drake_hand.plans.tolerances import TWIST_RAD
 
 PRESS_N = 1.0
 """Normal force for which the patch is worked out; its radius goes by the fourth root."""
 LEFT = 0.9
 """Of the friction of a contact that uses 0.4 of it to hold."""
-TWIST_RAD = np.radians(3.0)
-"""Spin that a pad takes up by twisting before it rubs: torsion over the stiffness 16 G a^3 / 3 of a round patch
-(Johnson 1985, section 3.9), for a = 2 mm, G = 0.7 MPa and 2 N."""
 _STILL_RAD = 1e-9
 
 

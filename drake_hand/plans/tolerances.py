@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from drake_hand.model.gravity import STANDARD_GRAVITY as STANDARD_GRAVITY
 
 TORQUE_LENGTH = 0.01
 """m; a force at this length weighs as much as a torque."""
 UNBALANCED_SHARE = 0.02
 """Part of the object's weight that may stay unbalanced; torque: that force at `TORQUE_LENGTH`."""
+TWIST_RAD = math.radians(3.0)
+"""Spin that a pad takes up by twisting before it rubs: torsion over the stiffness 16 G a^3 / 3 of a round patch
+(Johnson 1985, section 3.9), for a = 2 mm, G = 0.7 MPa and 2 N."""
 PATCH_M = 1e-3
 """m; half the width of what a fingertip touches that is pressed by some tenths of a newton."""
 LEVER_M = 0.1

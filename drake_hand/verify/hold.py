@@ -14,8 +14,8 @@ from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
-from drake_hand.verify.spin import torsion
 from drake_hand.verify.table import borne, check_clear
+from drake_hand.verify.torsion import torsion
 
 _STILL = 1e-8
 """m between samples below which the object does not move."""

@@ -17,8 +17,9 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.compliance import turns
-from drake_hand.contact.spin import LEFT, TWIST_RAD, spin_arm, twisted
+from drake_hand.contact.spin import LEFT, spin_arm, twisted
 from drake_hand.model.hand import Hand
+from drake_hand.plans.tolerances import TWIST_RAD
 
 FRICTION, R = 0.8, 0.008
 PAD = Hand.load("kanguera").pad

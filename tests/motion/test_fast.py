@@ -22,7 +22,7 @@ from drake_hand.plans.task import Task
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.balance import Body, friction_margins, unbalanced
 from drake_hand.verify.observe import observe
-from drake_hand.verify.spin import torsion
+from drake_hand.verify.torsion import torsion
 
 HAND = Hand.load("kanguera")
 

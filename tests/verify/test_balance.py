@@ -165,9 +165,8 @@ def pivoting(moment, twist, *, moving=True, lever=1e-3):
     p = np.array([[0, 0, 0.02], [0, 0, -0.02], [0.02, 0, 0], [-0.02, 0, 0]])
     aside = moment / 0.04
     f = np.array([[0, 0, -1.0], [0, 0, 1], [-1, aside, 0], [1, -aside, 0]])[None]
-    still = np.zeros((1, 4))
     torsion = Torsion(
-        twist=np.array([[twist, -twist, 0, 0]]), moving=np.array([moving]), lever=still + [lever, lever, 0, 0]
+        twist=np.array([[twist, -twist, 0, 0]]), moving=np.array([moving]), lever=np.array([[lever, lever, 0, 0]])
     )
     s = states(f)
     return ratio(s, p[None], n[None], body(gravity=np.zeros(3), p_OCom=np.zeros(3)), torsion=torsion)[0]

@@ -10,8 +10,8 @@ from numba import boolean, float64
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import margin
 from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
-from drake_hand.contact.spin import TWIST_RAD
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
+from drake_hand.plans.tolerances import TWIST_RAD
 
 COUNTS = 0.3
 """Margin up to which more is better, N."""

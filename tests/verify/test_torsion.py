@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.spin import LEFT, TWIST_RAD, spin_arm
+from drake_hand.contact.spin import LEFT, spin_arm
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.plans.tolerances import TWIST_RAD
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.observe import observe
-from drake_hand.verify.spin import torsion
+from drake_hand.verify.torsion import torsion
 from tests.verify.held import held_plan
 
 RING = 1

@@ -6,13 +6,12 @@ import numpy as np
 
 from drake_hand.compiled import njit
 from drake_hand.model.scene import Scene
+from drake_hand.plans.tolerances import TWIST_RAD
 from drake_hand.verify.balance import Torsion
 from drake_hand.verify.contacts import FREE
 from drake_hand.verify.observe import Observed
 from drake_hand.verify.surface import PackedObject
 
-TWIST_RAD = np.radians(3.0)
-"""Spin that a pad takes up by twisting before it rubs."""
 _STILL_RAD = 1e-10
 """Turns between samples below which nothing moves."""
 
