@@ -117,22 +117,43 @@ class Maker:
         arm = X[:3, :3].T @ (self.scene.tip_position(finger) - X[:3, 3])
         return self.radius * arm / np.linalg.norm(arm)
 
+    def twists(self, q, X, p_OP) -> dict[str, np.ndarray]:
+        """How far each pad is twisted at every knot, -1 to 1 about the outward normal: by 3 deg it rubs."""
+        out = {}
+        for finger in self.fingers:
+            link, turned, twist = self.scene.plant.GetBodyByName(finger.tip_link), [], [0.0]
+            for k in range(len(q)):
+                self.scene.set(q[k])
+                R_WL = link.EvalPoseInWorld(self.scene.plant_context).rotation().matrix()
+                turned.append(X[k, :3, :3].T @ R_WL)  # of the tip in O
+            for k in range(1, len(q)):
+                spin = Rotation.from_matrix(turned[k] @ turned[k - 1].T).as_rotvec()
+                n = (p_OP[finger.name][k] + p_OP[finger.name][k - 1]) / 2 / self.radius
+                twist.append(float(np.clip(twist[-1] + spin @ n / np.radians(3), -1, 1)))
+            out[finger.name] = np.array(twist)
+        return out
+
     def forces(self, q, X, p_OP) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Balanced contact forces in W at every knot, and the offsets that exert them."""
         f_W, offset = {name: np.zeros((len(q), 3)) for name in NAMES}, np.zeros_like(q)
-        weight = self.object.mass * np.array([0, 0, -9.81])
+        weight, twists = self.object.mass * np.array([0, 0, -9.81]), self.twists(q, X, p_OP)
+        friction, E = 0.8, self.hand.pad.hydroelastic_modulus_pa
         for k in range(len(q)):
             R = X[k, :3, :3]
             program = MathematicalProgram()
             variables, wrench = {}, []
-            for name in NAMES:
+            for name, finger in zip(NAMES, self.fingers, strict=True):
                 arm = R @ p_OP[name][k]
                 n = arm / np.linalg.norm(arm)
                 f = variables[name] = program.NewContinuousVariables(3)
                 program.AddQuadraticErrorCost(np.eye(3), -0.45 * n, f)
                 tangents = RotationMatrix.MakeFromOneVector(n, 2).matrix()[:, :2].T
                 program.AddLorentzConeConstraint(np.vstack([-0.5 * n, tangents]), np.zeros(3), f)
-                wrench.append(np.vstack([np.eye(3), 100 * np.cross(np.eye(3), arm)]))
+                # a twisted pad, pressed by 0.5 N or so, rubs at 8 / 15 of its patch's radius
+                bend = 1 + finger.radius / self.radius
+                lever = 8 / 15 * np.sqrt(2 * finger.radius / bend * np.sqrt(0.5 * bend / (np.pi * E)))
+                drags = -0.9 * twists[name][k] * friction * lever * np.outer(n, n)
+                wrench.append(np.vstack([np.eye(3), 100 * (np.cross(np.eye(3), arm) + drags)]))
             program.AddLinearEqualityConstraint(
                 np.hstack(wrench), np.concatenate([-weight, np.zeros(3)]), np.concatenate(list(variables.values()))
             )
@@ -197,11 +218,10 @@ def make_plan(*, model: str = "rolling", hold: str = "equilibrium", timing: str 
     f1 = f2 = {}
     o1, o2 = np.zeros_like(q1), np.zeros_like(q2)
     if hold == "equilibrium":
-        f1, o1 = maker.forces(q1, there, p1)
-        f2, o2 = maker.forces(q2, turn, p2)
-        # the two legs meet in the same forces
-        f2 = {name: np.vstack([f1[name][-1:], f2[name][1:]]) for name in NAMES}
-        o2 = np.vstack([o1[-1:], o2[1:]])
+        both = {name: np.vstack([p1[name], p2[name][1:]]) for name in NAMES}
+        f, o = maker.forces(np.vstack([q1, q2[1:]]), np.concatenate([there, turn[1:]]), both)
+        f1, f2 = ({name: f[name][rows] for name in NAMES} for rows in (slice(KNOTS), slice(KNOTS - 1, None)))
+        o1, o2 = o[:KNOTS], o[KNOTS - 1 :]
 
     def first(rows, k=0):
         return {name: r[k] for name, r in rows.items()}

@@ -31,7 +31,7 @@ def test_too_few_contacts(kinematic, scene):
 
 def test_friction(held, scene):
     plan = with_physics(held, friction=0.45)
-    worst = broken(plan, scene, "force_margin")["force_margin"]
+    worst = broken(plan, scene, "force_margin", "balance_ratio")["force_margin"]  # twisted pads drag less, too
     assert worst.value == pytest.approx(1 - 0.5 / 0.45, abs=1e-3)
     assert worst.where in NAMES
 
