@@ -146,6 +146,8 @@ class Twin:
     @property
     def words(self) -> str:
         """Where it is, and what is different."""
+        if self._told is None:
+            return "listening: not all drives are heard yet"
         return f"{self._where.words}; twin: {', '.join(sorted(self._said)) or 'the same'}"
 
     def follow(self, pose: HandPose) -> Iterator[str]:
