@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import textwrap
 from importlib import import_module
 from types import UnionType
@@ -114,6 +115,8 @@ def attribute_docs(struct: type) -> dict[str, str]:
 def plain(field: Any) -> str:
     """A default as it would be written in a file."""
     value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    if isinstance(value, msgspec.Struct) and value == type(value)():
+        return "{}"  # each of its keys has its own default
     return json.dumps(msgspec.to_builtins(value))
 
 
@@ -130,16 +133,29 @@ def commands_page() -> str:
     for name, (target, summary) in COMMANDS.items():
         module, _, attribute = target.partition(":")
         command = getattr(import_module(module), attribute)
-        told = inspect.getdoc(command) if inspect.isfunction(command) else summary
-        parts.append(f"## drake-hand {name}\n\n{(told or summary).replace('Args:', '**Arguments**').rstrip()}\n")
+        told = command_words(command) if inspect.isfunction(command) else summary
+        parts.append(f"## drake-hand {name}\n\n{told}\n")
     return "\n".join(parts)
 
 
+def command_words(command: Any) -> str:
+    """The docstring of a command, its arguments as a list and as they are typed."""
+    told, _, arguments = (inspect.getdoc(command) or "").partition("\nArgs:\n")
+    hints = get_type_hints(command, include_extras=True)
+    for name, parameter in inspect.signature(command).parameters.items():
+        named = [n for meta in get_args(hints[name])[1:] for n in getattr(meta, "name", None) or ()]
+        typed = " ".join(named) or f"--{name.replace('_', '-')}"
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            typed = name.upper()
+        arguments = re.sub(rf"^    {name}:", f"- `{typed}`:", arguments, flags=re.MULTILINE)
+    return f"{told}\n{arguments}"
+
+
 def python_page() -> str:
-    """Every public name of the library, from its docstring."""
+    """Every public name of the library, with its members, from docstrings and annotations."""
     parts = ["# Python\n\nAll of these are importable from `drake_hand`.\n"]
     for name in drake_hand.__all__:
         thing = getattr(drake_hand, name)
-        sign = str(inspect.signature(thing)) if inspect.isfunction(thing) else ""
-        parts.append(f"## {name}\n\n```python\n{name}{sign}\n```\n\n```text\n{inspect.getdoc(thing) or ''}\n```\n")
+        path = thing.__name__ if inspect.ismodule(thing) else f"{thing.__module__}.{name}"
+        parts.append(f"::: {path}\n")
     return "\n".join(parts)

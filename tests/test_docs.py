@@ -1,5 +1,7 @@
 """The documentation builds without warnings, names every key, and shows commands that exist."""
 
+import enum
+import inspect
 import pkgutil
 import re
 import shlex
@@ -11,6 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+import drake_hand
 from drake_hand.cli.app import build_app
 from drake_hand.epos.drives import Drives
 from drake_hand.plans.task import Options, Physics, Rotate
@@ -48,6 +51,26 @@ def test_no_key_is_without_a_meaning_and_types_are_words(site, name):
 def test_schemas_are_there_for_editors(site):
     schema = msgspec.json.decode((site / "reference" / "task.schema.json").read_bytes())
     assert set(schema["$defs"]["Options"]["properties"]) == {f.name for f in msgspec.structs.fields(Options)}
+
+
+def test_the_library_is_told_with_members_and_arguments(site):
+    page = (site / "reference" / "python" / "index.html").read_text()
+    for name in drake_hand.__all__:
+        thing = getattr(drake_hand, name)
+        path = thing.__name__ if inspect.ismodule(thing) else f"{thing.__module__}.{name}"
+        assert f'id="{path}"' in page
+        told = [m for m, what in vars(thing).items() if not m.startswith("_") and inspect.getdoc(what)]
+        for member in told if inspect.isclass(thing) and not issubclass(thing, enum.Enum) else []:
+            if inspect.isfunction(vars(thing)[member]) or isinstance(vars(thing)[member], (property, classmethod)):
+                assert f'id="{path}.{member}"' in page, (name, member)
+    assert "drake_hand.api.solve" in page
+    assert "called with how far planning has come" in page
+
+
+def test_commands_are_told_with_their_options_as_typed(site):
+    page = (site / "reference" / "commands" / "index.html").read_text()
+    for typed in ("TASK", "--output -o", "--time-limit", "--all", "--host"):
+        assert f"<li><code>{typed}</code>: " in page
 
 
 def test_pages_ask_no_network_for_fonts(site):

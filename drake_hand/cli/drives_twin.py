@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from drake_hand.cli.drives_person import say
+from drake_hand.cli.output import tunnel
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.mirror import HandPose, Mirror, poses_from_bus
 from drake_hand.epos.mirror_view import open_view
@@ -87,7 +88,8 @@ def _child() -> None:
             view.add_object(*mesh(plan))
             view.add_twin()
             ready()
-            os.write(1, f"twin: {view.url}\n".encode())
+            for line in (view.url, *tunnel(view.url)):
+                os.write(1, f"twin: {line}\n".encode())
             for pose in poses_from_bus(bus, Mirror(drives), _PERIOD_S):
                 if over.is_set():
                     break
@@ -144,6 +146,8 @@ class Twin:
     @property
     def words(self) -> str:
         """Where it is, and what is different."""
+        if self._told is None:
+            return "listening: not all drives are heard yet"
         return f"{self._where.words}; twin: {', '.join(sorted(self._said)) or 'the same'}"
 
     def follow(self, pose: HandPose) -> Iterator[str]:

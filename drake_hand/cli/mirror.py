@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from drake_hand.cli.output import ways_to
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.master import open_bus
 from drake_hand.epos.mirror import HandPose, Mirror, poses_from_bus, poses_from_record
@@ -99,8 +100,7 @@ def _mirror(
         if plan:
             view.add_object(*mesh(plan))
         print(view.url, flush=True)
-        seen = "this computer only" if host in ("127.0.0.1", "localhost", "::1") else "whoever reaches this address"
-        print(f"seen by {seen} (--host)", file=sys.stderr)
+        print(*ways_to(view.url), sep="\n", file=sys.stderr)
         if open_:
             webbrowser.open(view.url)
         for pose, words in _reporting(poses, joints, where):

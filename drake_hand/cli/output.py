@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import msgspec
 from rich import box
@@ -63,6 +66,24 @@ def error_answer(e: DrakeHandError) -> dict[str, Any]:
         known = {k: str(v) for k in names if (v := getattr(e, k)) is not None}
         return {"status": "error", "reason": e.message, **known}
     return {"status": "error", "reason": str(e)}
+
+
+def ways_to(url: str) -> list[str]:
+    """Who sees a page that is served here, and how to get to it from another computer; a line each."""
+    address = urlsplit(url)
+    if address.hostname in ("0.0.0.0", "::"):
+        return [f"seen by whoever reaches this computer: http://{socket.gethostname()}:{address.port}{address.path}"]
+    if address.hostname not in ("127.0.0.1", "localhost", "::1"):
+        return ["seen by whoever reaches this address"]
+    return ["seen by this computer only (--host opens it to others)", *tunnel(url)]
+
+
+def tunnel(url: str) -> list[str]:
+    """What to type on one's own machine to see a page that only this one sees; nothing if this is one's own."""
+    if not os.environ.get("SSH_CONNECTION"):
+        return []
+    port, there = urlsplit(url).port, f"{os.environ.get('USER', 'you')}@{socket.gethostname()}"
+    return [f"from your own machine: ssh -L {port}:{urlsplit(url).hostname}:{port} {there}, then open {url} there"]
 
 
 @contextmanager

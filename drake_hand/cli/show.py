@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import socket
 from pathlib import Path
 
-from drake_hand.cli.output import naming
+from drake_hand.cli.output import naming, ways_to
 from drake_hand.errors import InputError
 from drake_hand.files import bundled, require_folder, write_atomic
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import TASK_SUFFIX, Task
 
 
-def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
+def show(plan_or_task: str, /, *, html: Path | None = None, host: str = "127.0.0.1") -> None:
     """Watch a plan in the browser, or look at a task before there is a plan.
 
     A plan plays, pauses and scrubs, with the mode and its timeline; press ? in the page for its keys.
@@ -23,11 +21,13 @@ def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
     $ drake-hand show spin.plan.json
     $ drake-hand show spin.plan.json --html spin.html
     $ drake-hand show my.task.yaml
+    $ drake-hand show spin.plan.json --host 0.0.0.0
     ```
 
     Args:
         plan_or_task: a plan file, a task file, or the name of a bundled task.
         html: write a standalone page there instead of serving it.
+        host: address to serve it on; by default, only this computer can see it.
     """
     if html:
         require_folder(html)
@@ -41,10 +41,10 @@ def show(plan_or_task: str, /, *, html: Path | None = None) -> None:
         else:
             expected = "a plan (.json), a task (.yaml) or one of: " + ", ".join(bundled("tasks", TASK_SUFFIX))
             raise InputError("nothing to show", file=plan_or_task, found=plan_or_task, expected=expected)
-    present(page, Path(plan_or_task).name, html)
+    present(page, Path(plan_or_task).name, html, host)
 
 
-def show_hand(hand: str, /, *, html: Path | None = None) -> None:
+def show_hand(hand: str, /, *, html: Path | None = None, host: str = "127.0.0.1") -> None:
     """Look at a hand: a slider per joint, the palm frame, and how far the fingertips reach.
 
     ```console
@@ -55,17 +55,18 @@ def show_hand(hand: str, /, *, html: Path | None = None) -> None:
     Args:
         hand: a bundled name or a hand file.
         html: write a standalone page there instead of serving it.
+        host: address to serve it on; by default, only this computer can see it.
     """
     if html:
         require_folder(html)
     from drake_hand import api
     from drake_hand.model.hand import Hand
 
-    present(str(api.look(Hand.load(hand))), hand, html)
+    present(str(api.look(Hand.load(hand))), hand, html, host)
 
 
-def present(page: str, name: str, html: Path | None) -> None:
-    """Writes a page, or serves it and says where, over ssh also how to get there."""
+def present(page: str, name: str, html: Path | None, host: str) -> None:
+    """Writes a page, or serves it and says where."""
     if html:
         write_atomic(html, page)
         print(f"wrote {html}")
@@ -73,10 +74,6 @@ def present(page: str, name: str, html: Path | None) -> None:
     from drake_hand.view.show import serve_page
 
     def announce(url: str) -> None:
-        print(f"{name} is at {url} (Ctrl-C ends)", flush=True)
-        if os.environ.get("SSH_CONNECTION"):
-            port = url.rstrip("/").rpartition(":")[2]
-            there = f"{os.environ.get('USER', 'you')}@{socket.gethostname()}"
-            print(f"from your own machine: ssh -L {port}:localhost:{port} {there}, then open {url} there", flush=True)
+        print(f"{name} is at {url} (Ctrl-C ends)", *ways_to(url), sep="\n", flush=True)
 
-    serve_page(page, announce)
+    serve_page(page, announce, host=host)

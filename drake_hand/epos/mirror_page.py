@@ -11,7 +11,8 @@ PAGE = """<!doctype html>
   h1 { font-size: 1.1em; min-height: 2.9em; }
   table { border-collapse: collapse; width: 100%; }
   th { text-align: right; font-weight: 600; } th:first-child, td:first-child { text-align: left; }
-  td { text-align: right; font-variant-numeric: tabular-nums; padding: 1px 4px; white-space: nowrap; }
+  td, th { padding: 1px 4px; }
+  td { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 </style>
 <iframe src="/static/" title="both hands"></iframe>
 <aside>
@@ -23,6 +24,10 @@ PAGE = """<!doctype html>
   <p>solid: measured; blue ghost: commanded; green ghost: the twin, where there is one</p>
 </aside>
 <script>
+  const scene = document.querySelector("iframe");
+  scene.addEventListener("load", () => { // without Meshcat's own controls
+    scene.contentDocument.head.insertAdjacentHTML("beforeend", "<style>.dg { display: none }</style>");
+  });
   const cell = (text, colour) => {
     const td = document.createElement("td");
     td.textContent = text === null ? "-" : typeof text === "number" ? text.toFixed(1) : text;

@@ -27,12 +27,14 @@ class Line:
     """How much of what is allowed is left: 1 all, 0 at the limit, negative beyond; None if there is no such share."""
     where: str
     ok: bool
+    reached: str = ""
+    """How far a step that misses its goal got."""
 
     @property
     def margin(self) -> str:
-        """The share in per cent; far beyond the limit, how many times it."""
-        if self.share is None:
-            return ""
+        """The share in per cent; far beyond the limit, how many times it; or how far it got."""
+        if self.share is None or self.reached:
+            return self.reached
         return per_cent(self.share) if self.share >= -1 else f"{figure(1 - self.share)} x the limit"
 
 
@@ -110,6 +112,7 @@ def verdict(certificate: Certificate, hand: Hand | None = None, *, kinematic: bo
     if not certificate.certified:
         failing = [line for line in figure_lines(certificate) if not line.ok]
         said = "; ".join(f"{_told(line)} (limit {line.limit})" for line in failing)
+        said = "; ".join([*(f"{line.reached} ({line.where})" for line in failing if line.reached), said])
         return f"NOT certified: {said or 'the certificate is about another plan'}"
     what = "certified, kinematics only" if kinematic else "certified"
     near = [line for line in figure_lines(certificate) if line.field in _STATES and line.share is not None]
@@ -198,7 +201,8 @@ def per_cent(share: float) -> str:
 
 def _line(name: str, w: Worst) -> Line:
     kind = _FIELDS.get(name) or _Field(name.replace("_", " "))
-    place = [f"{w.time_s:.2f} s" if w.time_s is not None else "", w.where]
+    at, _, reached = w.where.partition(": ") if name.startswith("goal_") else (w.where, "", "")
+    place = [f"{w.time_s:.2f} s" if w.time_s is not None else "", at]
     where = ", ".join(x for x in place if x)
     unit = f" {kind.unit}" if kind.unit else ""
     limit = ("at least " if kind.least or kind.clear else "at most ") + figure(w.limit * abs(kind.factor)) + unit
@@ -213,7 +217,8 @@ def _line(name: str, w: Worst) -> Line:
         share = w.value
     elif not kind.least and w.limit > 0:
         share = 1 - w.value / w.limit
-    return Line(field=name, words=kind.words, value=value, limit=limit, share=share, where=where, ok=w.ok)
+    told = {"field": name, "words": kind.words, "value": value, "limit": limit, "where": where}
+    return Line(**told, share=share, ok=w.ok, reached=reached)
 
 
 def _told(line: Line, of: str = "") -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,18 +51,19 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]
 
     A rotation has to turn by its whole angle: the turn about its axis since the end of the step before says how often
     it has come round.
-    Each goal is met at its closest approach, the first time it is met at all.
+    Each goal is met at its closest approach, the first time it is met at all. The first that is not met is the last
+    that is reported: what comes after it starts elsewhere.
 
     Returns:
         The stages, for all steps.
     """
     X_WO = states.X_WO
     if isinstance(task.start, Pose):
-        _report(findings, states, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], "start")
+        _report(findings, states, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], ["start", "start"])
     # turned vector: time integral of the angular velocity
     w, dt = states.V_WO[:, :3], np.diff(states.t)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
-    X, first, stages = X_WO[0], 0, []
+    X, first, stages, met = X_WO[0], 0, [], True
     moving = [i for i, s in enumerate(task.motion) if s.kind in MOVES]
     for i, step in enumerate(task.motion):
         name = f"step {i + 1}, {step.kind}"
@@ -71,13 +73,24 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]
             continue
         goal, axis, angle = step_goal(step, X)
         position_mm, rotation_deg = _errors(X_WO[first:], goal)
-        if axis is not None:
+        if axis is None:
+            way = 1000 * (goal[:3, 3] - X[:3, 3])
+            whole = float(np.linalg.norm(way))
+            along = 1000 * (X_WO[first:, :3, 3] - X[:3, 3]) @ way / max(whole, 1e-9)
+        else:
+            whole = float(np.degrees(angle))
+            along = np.degrees((turned[first:] - turned[first]) @ axis)
             # Beside its nominal path the object does not turn about the axis alone: whole turns are what winding tells.
-            winding = np.degrees((turned[first:] - turned[first]) @ axis - angle)
-            rotation_deg = np.maximum(rotation_deg, 360 * np.abs(np.round(winding / 360)))
+            rotation_deg = np.where(np.abs(along - whole) < 180, rotation_deg, np.abs(along - whole))
         error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])
         at = len(error) - 1 if i == moving[-1] else _first_closest(error)
-        _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), name)
+        if met:
+            met = bool(error[at] <= 1)
+            names = [name, name]
+            if not met and abs(whole) > TOLERANCES["goal_position_mm"]:
+                verb, unit = ("moved", "mm") if axis is None else ("turned", "deg")
+                names[axis is not None] += f": {verb} {along[at]:.3g} of {whole:.4g} {unit}"
+            _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), names)
         turn = Rotation.from_matrix(goal[:3, :3] @ X[:3, :3].T).as_rotvec() if axis is None else angle * axis
         about = X[:3, 3]
         if step.rotate and step.rotate.about_mm:
@@ -129,7 +142,7 @@ def _first_closest(error: np.ndarray) -> int:
     return int(within[0] + np.argmin(stretch))
 
 
-def _report(findings: Findings, states: States, at: int, errors: np.ndarray, name: str) -> None:
+def _report(findings: Findings, states: States, at: int, errors: np.ndarray, names: Sequence[str]) -> None:
     t, part = states.t[at : at + 1], states.part[at : at + 1]
-    findings.add("goal_position_mm", errors[:1], t, part, [name])
-    findings.add("goal_rotation_deg", errors[1:], t, part, [name])
+    findings.add("goal_position_mm", errors[:1], t, part, names[:1])
+    findings.add("goal_rotation_deg", errors[1:], t, part, names[1:])

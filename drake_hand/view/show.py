@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import socket
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
-from drake_hand.errors import NoPlanFound
+from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Plan
 from drake_hand.view.course import Course
@@ -66,12 +68,16 @@ def _apart(X: np.ndarray, Y: np.ndarray) -> bool:
     return bool(np.linalg.norm(X[:3, 3] - Y[:3, 3]) > 4e-3 or turn > np.radians(8))
 
 
-def serve_page(html: str, announce: Callable[[str], None]) -> None:
-    """Serves a page on the first free port from 7000 on, also to other machines, until interrupted.
+def serve_page(html: str, announce: Callable[[str], None], *, host: str = "127.0.0.1") -> None:
+    """Serves a page on the first free port from 7000 on, until interrupted.
 
     Args:
         html: the page.
         announce: called with its address.
+        host: address it listens on, and no other.
+
+    Raises:
+        InputError: this computer has no such address.
     """
     page = html.encode()
 
@@ -86,19 +92,25 @@ def serve_page(html: str, announce: Callable[[str], None]) -> None:
         def log_message(self, *_: object) -> None:
             """Keeps stderr for messages that matter."""
 
-    server = _listen(Page)
+    server = _listen(Page, host)
     with server:
-        announce(f"http://localhost:{server.server_port}/")
+        name = f"[{host}]" if ":" in host else host
+        announce(f"http://{name}:{server.server_port}/")
         try:
             server.serve_forever()
         except KeyboardInterrupt:
             return
 
 
-def _listen(handler: type[BaseHTTPRequestHandler]) -> ThreadingHTTPServer:
+def _listen(handler: type[BaseHTTPRequestHandler], host: str) -> ThreadingHTTPServer:
+    class Server(ThreadingHTTPServer):
+        address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+
     for port in (*range(FIRST_PORT, FIRST_PORT + 100), 0):
         try:
-            return ThreadingHTTPServer(("", port), handler)
-        except OSError:
-            continue
+            return Server((host, port), handler)
+        except OSError as e:
+            if e.errno != errno.EADDRINUSE:
+                expected = "an address of this computer, or 0.0.0.0 for all of them"
+                raise InputError("cannot listen there", key="--host", found=host, expected=expected) from e
     raise OSError("no free port")

@@ -2,6 +2,8 @@
 
 import json
 import re
+import socket
+from http.server import ThreadingHTTPServer
 
 import msgspec
 import pytest
@@ -157,11 +159,24 @@ def test_what_was_found_of_a_plan_is_kept(certified, tmp_path, monkeypatch, caps
     assert "does not pass its certificate" in page.read_text()
 
 
-def test_show_says_the_tunnel_over_ssh(plan_file, monkeypatch, capsys):
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "198.51.100.1"])
+def test_show_says_who_sees_the_page_and_the_tunnel_over_ssh(host, plan_file, monkeypatch, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1 2 3 4")
-    monkeypatch.setattr("drake_hand.view.show.serve_page", lambda page, announce: announce("http://localhost:7003/"))
-    assert cli.run(["show", str(plan_file)]) == 0
-    assert "ssh -L 7003:localhost:7003 " in capsys.readouterr().out
+    monkeypatch.setattr(
+        "drake_hand.view.show.serve_page", lambda page, announce, host: announce(f"http://{host}:7003/")
+    )
+    assert cli.run(["show", str(plan_file), "--host", host]) == 0
+    out = capsys.readouterr().out
+    assert f"http://{host}:7003/" in out
+    seen = {"127.0.0.1": "this computer only", "0.0.0.0": f"computer: http://{socket.gethostname()}:7003/"}
+    assert seen.get(host, "seen by whoever reaches this address") in out
+    assert ("ssh -L 7003:127.0.0.1:7003 " in out) == (host == "127.0.0.1")
+
+
+def test_show_on_an_address_of_another_computer_is_refused(plan_file, monkeypatch, capsys):
+    monkeypatch.setattr(ThreadingHTTPServer, "serve_forever", lambda self: None)
+    assert cli.run(["show", str(plan_file), "--host", "198.51.100.1"]) == 2
+    assert "found:    198.51.100.1" in capsys.readouterr().err
 
 
 def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):

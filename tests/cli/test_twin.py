@@ -26,6 +26,12 @@ def said(plan, until_s: float, shares: dict[str, float]) -> tuple[Twin, list[str
     return twin, lines
 
 
+def test_a_twin_that_hears_nothing_does_not_say_that_all_is_the_same(carry):
+    twin = Twin(carry, DRIVES)
+    assert list(twin.follow(HandPose(t=0.0, commanded=np.full(15, np.nan), measured=np.full(15, np.nan)))) == []
+    assert twin.words == "listening: not all drives are heard yet"
+
+
 def test_a_twin_of_a_hand_that_does_as_planned_has_nothing_to_say(carry):
     twin, lines = said(carry, 5.5, {})
     assert lines == []

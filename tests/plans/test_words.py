@@ -30,6 +30,14 @@ def test_verdict_of_what_fails_names_all_that_fails():
     assert verdict(found) == "NOT certified: slip of a contact 0.8 mm (index) (limit at most 0.5 mm)"
 
 
+def test_a_plan_that_stops_on_the_way_says_how_far_it_got():
+    missed = at(273.0, 0.1, ok=False, time_s=9.0, where="step 2, rotate: turned 87 of 360 deg")
+    found = certificate(certified=False, goal_rotation_deg=missed)
+    (line,) = figure_lines(found)
+    assert (line.value, line.margin, line.where) == ("273 deg", "turned 87 of 360 deg", "9.00 s, step 2, rotate")
+    assert verdict(found).startswith("NOT certified: turned 87 of 360 deg (9.00 s, step 2, rotate)")
+
+
 def test_kinematic_plans_are_not_called_certified_alone():
     found = certificate(force_margin=at(None, 0.0), slip_mm=at(0.4, 0.5))
     assert verdict(found, kinematic=True).startswith("certified, kinematics only; nearest to its limit: slip")

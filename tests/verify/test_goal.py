@@ -98,10 +98,21 @@ def test_goals_are_met_one_after_another_and_the_last_at_the_end():
     # staying put ends where it should, but never goes there
     position, _, _ = worst([there, back], moving(STILL, STILL))
     assert position.value == pytest.approx(5)
-    assert position.where == "step 2, translate"
+    assert position.where == "step 2, translate: moved 0 of 5 mm"
     # and going there is not enough if it does not stay
     position, _, _ = worst([there], moving(up, down))
     assert position.value == pytest.approx(5)
+
+
+def test_a_plan_that_stops_on_the_way_says_how_far_it_got():
+    turn, up = Step(rotate=Rotate(axis=(0, 1, 0), angle_deg=-360)), Step(translate=Translate(by_mm=(0, 0, 40)))
+    _, rotation, _ = worst([turn], moving(((0, 1, 0), -87, (0, 0, 0), None)))
+    assert rotation.value == pytest.approx(273, abs=0.1)
+    assert rotation.where == "step 2, rotate: turned -87 of -360 deg"
+    # the step in which it stopped, not what was to come after it
+    position, rotation, _ = worst([up, turn], moving(((0, 0, 1), 0, (3, 0, 12), None)))
+    assert position.where == "step 2, translate: moved 12 of 40 mm"
+    assert rotation.ok
 
 
 def test_a_pose_is_a_goal():

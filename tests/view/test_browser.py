@@ -244,6 +244,7 @@ def test_the_mirror_shows_both_hands_and_every_joint(browser, hand):
         hands.wait_for_function(
             "viewer.scene_tree.find(['meshcat', 'hands', 'commanded', 'palm']).object.children.length > 0"
         )
+        assert not hands.get_by_text("Open Controls").is_visible(), "controls of the scene, which nobody needs here"
         tab.wait_for_timeout(500)
         left = picture(tab)[:, :600]
         assert ((left[..., 0] > 1.5 * left[..., 1]) & (left[..., 0] > 90)).mean() > 0.005, "links off by 10 deg are red"

@@ -4,19 +4,24 @@ import base64
 import gzip
 import json
 import re
+import socket
 import threading
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
 import pytest
 
 from drake_hand import api
+from drake_hand.epos.mirror_view import open_view
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Certificate, Worst
 from drake_hand.plans.words import KINEMATIC, title
-from drake_hand.view import show
+from drake_hand.view import show, stage
 from drake_hand.view.course import Course
 from drake_hand.view.page import add_panel, certificate_facts, plan_strips
 
@@ -114,7 +119,9 @@ def test_title_says_what_is_done(sample_plan):
     assert title(sample_plan) == "pencil_r8: grasp"
 
 
-def test_serves_one_page_until_interrupted(page, monkeypatch):
+@contextmanager
+def served(page: str, monkeypatch, **wishes) -> Iterator[str]:
+    """The address at which a page is served, until left."""
     asked: list[str] = []
     said = threading.Event()
 
@@ -124,15 +131,51 @@ def test_serves_one_page_until_interrupted(page, monkeypatch):
 
     servers = []
     listen = show._listen
-    monkeypatch.setattr(show, "_listen", lambda handler: servers.append(listen(handler)) or servers[-1])
-    thread = threading.Thread(target=show.serve_page, args=(page, announce))
+    monkeypatch.setattr(show, "_listen", lambda *a: servers.append(listen(*a)) or servers[-1])
+    thread = threading.Thread(target=show.serve_page, args=(page, announce), kwargs=wishes)
     thread.start()
     try:
         assert said.wait(5)
-        with urllib.request.urlopen(asked[0]) as answer:
-            assert answer.read().decode() == page
-        with pytest.raises(urllib.error.HTTPError):
-            urllib.request.urlopen(asked[0] + "etc/passwd")
+        yield asked[0]
     finally:
         servers[0].shutdown()
         thread.join()
+
+
+def test_serves_one_page_until_interrupted(page, monkeypatch):
+    with served(page, monkeypatch) as url:
+        with urllib.request.urlopen(url) as answer:
+            assert answer.read().decode() == page
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(url + "etc/passwd")
+
+
+def address_of_this_computer() -> str:
+    """One that other computers see; without a network one that is no more than the loopback's neighbour."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("198.51.100.1", 9))  # sends nothing
+        except OSError:
+            return "127.0.0.2"
+        return probe.getsockname()[0]
+
+
+def reached(host: str, port: int | None) -> bool:
+    with suppress(ConnectionRefusedError), socket.create_connection((host, port), timeout=5):
+        return True
+    return False
+
+
+def test_only_this_computer_sees_a_page_unless_told_otherwise(monkeypatch, hand):
+    here = address_of_this_computer()
+    with served("a page", monkeypatch) as url:
+        assert reached("127.0.0.1", urlsplit(url).port)
+        assert not reached(here, urlsplit(url).port)
+    with served("a page", monkeypatch, host="0.0.0.0") as url:
+        assert reached(here, urlsplit(url).port)
+    with open_view(hand.urdf.file, hand.joints) as view:
+        assert reached("127.0.0.1", urlsplit(view.url).port)
+        assert not reached(here, urlsplit(view.url).port)
+    meshcat = stage._quiet_meshcat()  # of a page that is being made
+    assert reached("127.0.0.1", meshcat.port())
+    assert not reached(here, meshcat.port())
