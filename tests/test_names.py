@@ -7,8 +7,6 @@ from pathlib import Path
 import drake_hand
 
 PACKAGE = Path(drake_hand.__file__).parent
-OWN_CONSTANTS = {"planning", "view"}
-"""Rooms whose modules name the parameters of their own searches and pictures; no other module reads them."""
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
@@ -18,7 +16,10 @@ def is_command(file: Path, node: Definition) -> bool:
 
 
 def constants(node: ast.stmt) -> set[str]:
-    """Public names in capitals that a statement assigns."""
+    """Public names in capitals that a statement assigns; type variables are no constants."""
+    value = getattr(node, "value", None)
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "TypeVar":
+        return set()
     targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
     names = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}
     return {name for name in names if name.isupper() and not name.startswith("_")}
@@ -29,9 +30,8 @@ def several() -> dict[str, set[str]]:
     where: dict[str, dict[str, set[Path]]] = {kind: defaultdict(set) for kind in ("class", "function", "constant")}
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.parse(file.read_text()).body:
-            if file.relative_to(PACKAGE).parts[0] not in OWN_CONSTANTS:
-                for name in constants(node):
-                    where["constant"][name].add(file)
+            for name in constants(node):
+                where["constant"][name].add(file)
             if not isinstance(node, Definition) or node.name.startswith("_") or is_command(file, node):
                 continue
             where["class" if isinstance(node, ast.ClassDef) else "function"][node.name].add(file)

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.transit import LIFTS, MOVING, STEP, Surroundings, lift_off, travel
+from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings, lift_off, travel
 
 
 class PlannedContact(NamedTuple):
@@ -80,7 +80,7 @@ def ways(
     order = [i for i, goal in goals.items() if np.abs(goal - q[columns[i]]).max() > 1e-9]
     if not order:
         return []
-    n = max(3, *(int(np.ceil(np.abs(goals[i] - q[columns[i]]).max() / STEP)) + 1 for i in order))
+    n = max(3, *(int(np.ceil(np.abs(goals[i] - q[columns[i]]).max() / TRAVEL_STEP_RAD)) + 1 for i in order))
     u = np.linspace(0, 1, n)[:, None]
     at_once = {i: q[columns[i]] + u * (goals[i] - q[columns[i]]) for i in order}
     if _together(clearance, q, at_once, X_WO, tip=True):
@@ -108,7 +108,7 @@ def _lifts(
 ) -> Iterator[dict[int, np.ndarray]]:
     """Paths (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
     around = Surroundings(clearance=clearance, X_WO=X_WO)
-    for height in (LIFTS[1], LIFTS[2], LIFTS[0]):
+    for height in (LIFTS_M[1], LIFTS_M[2], LIFTS_M[0]):
         up = {}
         for i, (at, n_W) in contacts.items():
             way, able = lift_off(around, i, at[None], n_W[None], height)
@@ -123,12 +123,12 @@ def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], 
     """Whether fingers that move at once along paths (n, m), the others at rest at q (nq,), are clear of everything."""
     fingers = clearance.hand.fingers
     centres = {i: clearance.centres(i, ways.get(i, q[None, f.columns])) for i, f in enumerate(fingers)}
-    if any((clearance.to_palm(i, centres[i]) < MOVING).any() for i in ways):
+    if any((clearance.to_palm(i, centres[i]) < MOVING_CLEARANCE_M).any() for i in ways):
         return False
-    if any((clearance.to_object(i, centres[i], X_WO, tip=tip) < MOVING).any() for i in ways):
+    if any((clearance.to_object(i, centres[i], X_WO, tip=tip) < MOVING_CLEARANCE_M).any() for i in ways):
         return False
     return all(
-        (clearance.between(i, centres[i], j, centres[j]) >= MOVING).all()
+        (clearance.between(i, centres[i], j, centres[j]) >= MOVING_CLEARANCE_M).all()
         for i, j in itertools.combinations(centres, 2)
         if i in ways or j in ways
     )

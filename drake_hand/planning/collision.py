@@ -23,13 +23,13 @@ from drake_hand.model.table import Table, feet
 from drake_hand.planning.cover import cover
 from drake_hand.planning.kernels import clear
 
-CLEARANCE = 8.0e-4
+CLEARANCE_M = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
 _BEYOND, _MOST = 1.0e-3, 150
 """How far the spheres that cover a link's boxes and meshes reach beyond them, m, where no more than so many do."""
 _OBJECT_BEYOND, _OBJECT_MOST = 2.0e-3, 600
 """The same of those that cover the object, where it is to keep clear of the palm."""
-LIMIT_MARGIN = np.radians(2.0)
+LIMIT_MARGIN_RAD = np.radians(2.0)
 """Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
 _GROUP = 24
 """Spheres of a link that are looked at together."""
@@ -117,7 +117,7 @@ class Clearance:
         self.hand: Hand = hand
         self.surface = Surface.of(object_)
         self.p_OCom = object_.p_OCom
-        self.kinematics = [FingerKinematics.of(hand, f, margin=LIMIT_MARGIN) for f in hand.fingers]
+        self.kinematics = [FingerKinematics.of(hand, f, margin=LIMIT_MARGIN_RAD) for f in hand.fingers]
         self._object = _Solid(self.surface)
         self.table, self.feet = table, feet(self.surface.geometries)
         self._spheres = [_cover(scene, f) for f in hand.fingers]

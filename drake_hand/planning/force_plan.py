@@ -30,11 +30,11 @@ from drake_hand.plans.path import Leg
 
 SLIDING_FORCE_N = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
-SLACK = np.radians(0.5)
+SERVO_ROOM_RAD = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
-INTERPOLATED = 0.6e-4
+INTERPOLATION_LOSS_M = 0.6e-4
 """Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
-WEIGHTLESS = 0.05
+WEIGHTLESS_SHARE = 0.05
 """Gravity over that on earth below which an object floats."""
 
 
@@ -69,7 +69,7 @@ def add_forces(
     q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
     X = np.concatenate([legs[0].X_WO[:1], *[leg.X_WO[1:] for leg in legs]])
     load, held, touching = _loads(legs, starts, names)
-    if np.linalg.norm(holding.force_W) < WEIGHTLESS * holding.weight:
+    if np.linalg.norm(holding.force_W) < WEIGHTLESS_SHARE * holding.weight:
         held &= ~(load > 0).any(axis=1)  # no fixture is needed, so none is assumed
     borne = np.where(held, load.max(axis=1), 1.0) if on_table else np.ones(n)
     if on_table:
@@ -118,7 +118,7 @@ def add_forces(
         fixture=held,
     )
 
-    lost = INTERPOLATED * holding.weight
+    lost = INTERPOLATION_LOSS_M * holding.weight
     # knots that are known to be too coarse before there are forces save computing these twice
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
@@ -182,7 +182,7 @@ def _room(hand: Hand, q: np.ndarray, effort: np.ndarray) -> np.ndarray:
     for i, finger in enumerate(hand.fingers):
         c = finger.columns
         for x, way in enumerate((hand.q_upper[c] - q[:, c], q[:, c] - hand.q_lower[c])):
-            out[x, :, i, : len(c)] = hand.stiffness[c] * np.maximum(way - SLACK, 0.0)
+            out[x, :, i, : len(c)] = hand.stiffness[c] * np.maximum(way - SERVO_ROOM_RAD, 0.0)
     return np.minimum(out, effort)
 
 

@@ -15,9 +15,9 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.forces import ForceProblem, balance_forces
 from drake_hand.planning.world import at_once
 
-BLOCK = 40
+BLOCK_KNOTS = 40
 """Knots, at least, whose forces are taken from one window ..."""
-OVERLAP = 16
+OVERLAP_KNOTS = 16
 """... and knots that the window has beyond them on either side."""
 _DECIMALS = 9
 """To which windows are alike: m, N, Nm."""
@@ -39,7 +39,7 @@ def forces_along(sets: ContactSets, problem: ForceProblem, starts: np.ndarray) -
     """
     n = len(sets)
     bounds = _bounds(starts, n)
-    windows = [slice(max(a - OVERLAP, 0), min(b + OVERLAP, n)) for a, b in itertools.pairwise(bounds)]
+    windows = [slice(max(a - OVERLAP_KNOTS, 0), min(b + OVERLAP_KNOTS, n)) for a, b in itertools.pairwise(bounds)]
     inputs = [(sets[w], problem[w]) for w in windows]
     keys = [_key(*some) for some in inputs]
     distinct: dict[bytes, tuple[ContactSets, ForceProblem]] = {}
@@ -58,7 +58,7 @@ def _bounds(starts: np.ndarray, n: int) -> list[int]:
     """Knots where blocks begin, and n: at starts of legs, so that repeated legs are divided alike."""
     bounds = [0]
     for a in starts[1:-1].tolist():
-        if a - bounds[-1] >= BLOCK:
+        if a - bounds[-1] >= BLOCK_KNOTS:
             bounds.append(a)
     return [*bounds, n]
 

@@ -21,15 +21,15 @@ from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import switch_to
 from drake_hand.planning.world import split
 
-STROKES = (36, 28, 20, 14, 10)
+STROKE_TICKS = (36, 28, 20, 14, 10)
 """Ticks a gait may advance before it steps back, the longest first."""
-POOL = 120
+BASE_CONTACTS = 120
 """Base contacts per finger."""
-SAMPLES = 6000
+GAITS_RATED = 6000
 """Random gaits rated per stroke."""
-STARTS = 12
+GAITS_IMPROVED = 12
 """The most promising of them are improved."""
-BETTER = 1e-3
+IMPROVEMENT_N = 1e-3
 """By at least so much for each contact exchanged, N."""
 AMPLE_MARGIN_N = 0.3
 """Margin over the preload with which a gait's longer stroke counts for more, N."""
@@ -53,8 +53,8 @@ def find(
     rng: np.random.Generator,
     *,
     enough: float,
-    strokes: tuple[int, ...] = STROKES,
-    starts: int = STARTS,
+    strokes: tuple[int, ...] = STROKE_TICKS,
+    starts: int = GAITS_IMPROVED,
 ) -> list[Gait]:
     """Gaits with the given fingers, the best first; the longest stroke whose margin is `enough` comes first.
 
@@ -85,7 +85,7 @@ def find(
 
 
 def _sample(holds: list[Hold], rng: np.random.Generator) -> list[Hold]:
-    return [holds[j] for j in rng.permutation(len(holds))[:POOL]]
+    return [holds[j] for j in rng.permutation(len(holds))[:BASE_CONTACTS]]
 
 
 def propose(
@@ -184,7 +184,7 @@ class _Rating:
     def best(self, rng: np.random.Generator, starts: int) -> list[Gait]:
         """Local optima: from the most promising of a random sample, one contact exchanged at a time."""
         sizes = np.array([len(pool) for pool in self.pools])
-        sample = np.unique((rng.random((SAMPLES, len(sizes))) * sizes).astype(int), axis=0)
+        sample = np.unique((rng.random((GAITS_RATED, len(sizes))) * sizes).astype(int), axis=0)
         for stepped in (False, True):
             sample = sample[np.argsort(-self._together(sample, stepped), kind="stable")[: max(len(sample) // 8, 1)]]
         rating, _ = self._widest(sample)
@@ -210,7 +210,7 @@ class _Rating:
                 changed[:, slot] = np.arange(size)
                 swaps.append(changed)
             fresh = np.concatenate(swaps)
-            rating, _ = self._widest(fresh, margin + BETTER)
+            rating, _ = self._widest(fresh, margin + IMPROVEMENT_N)
             top = int(rating.argmax())
             if not np.isfinite(rating[top]):
                 return tuple(row.tolist()), float(margin)

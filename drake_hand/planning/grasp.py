@@ -19,29 +19,29 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load
-from drake_hand.planning.moves import COARSE, Moves
+from drake_hand.planning.moves import ROOM_STEP_TICKS, Moves
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.reach import Hold
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import split
 
-DRAWN = 3000
+SETS_DRAWN = 3000
 """Sets of contacts drawn at random."""
-TOUCHES = 0.85
+TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
-LOOKED_AT = 300
+SETS_EXAMINED = 300
 """Of those that hold, how many are looked at more closely."""
-ENDURING = 3
+LASTING_FINGERS = 3
 """Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
-AHEAD = 40
+LOOKAHEAD_STEPS = 40
 """How far their contacts are followed along the nominal path, coarse steps."""
-LASTING = 3.0
+LASTING_SCORE = 3.0
 """What it counts for that none of their fingers has to let go on the path."""
-HAND_OVERS, HANDED_OVER = 40, 20.0
+HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
-GRASPS = 60
+ROOT_GRASPS = 60
 """Of those, how many a search starts from."""
 
 
@@ -112,16 +112,16 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     if not len(held):
         what, constraint = _short_of(moves, X, posture, touching, float(margins[:, -1].max()))
         raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}", constraint)
-    margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTS)
-    value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING * lasts[held]
+    margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTED_MARGIN_N)
+    value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING_SCORE * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
     held = held[np.argsort(-value, kind="stable")]
     clear = np.zeros(0, dtype=int)
-    for block in np.split(held, range(LOOKED_AT, len(held), LOOKED_AT)):
+    for block in np.split(held, range(SETS_EXAMINED, len(held), SETS_EXAMINED)):
         clear = np.append(clear, block[moves.clear(X, posture[block], touching[block])])
-        if len(clear) >= LOOKED_AT:
+        if len(clear) >= SETS_EXAMINED:
             break
-    clear = clear[:LOOKED_AT]
+    clear = clear[:SETS_EXAMINED]
     if not len(clear):
         what, finger = _collide(moves, X, posture[held], touching[held])
         raise fail(f"no set of contacts that balances the object is clear of collisions: {what}", "collision", finger)
@@ -129,11 +129,12 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     moves.evaluate(out)
     for others in then:
         for x, share in zip(out, _handed_over(moves, X, posture[clear], touching[clear], others), strict=True):
-            x.score += HANDED_OVER * share
+            x.score += HAND_OVER_SCORE * share
     rank = [
-        (-int(x.touching.sum()) if most else 0, -x.score - LASTING * lasts[i]) for i, x in zip(clear, out, strict=True)
+        (-int(x.touching.sum()) if most else 0, -x.score - LASTING_SCORE * lasts[i])
+        for i, x in zip(clear, out, strict=True)
     ]
-    return [out[k] for k in sorted(range(len(out)), key=lambda k: rank[k])][:GRASPS]
+    return [out[k] for k in sorted(range(len(out)), key=lambda k: rank[k])][:ROOT_GRASPS]
 
 
 def _handed_over(
@@ -148,16 +149,16 @@ def _handed_over(
         touching: (N, n) their fingers.
         others: the fingers that hold it afterwards.
     """
-    rows = np.repeat(np.arange(len(posture)), HAND_OVERS)
+    rows = np.repeat(np.arange(len(posture)), HAND_OVER_TRIALS)
     posture, staying = posture[rows], touching[rows]
     after = np.zeros_like(staying)
     after[:, sorted(others)] = True
     for f in sorted(others):
         reached, new = moves.contacts(f, X)[0], np.flatnonzero(~staying[:, f])
         if not len(reached):
-            return np.zeros(len(rows) // HAND_OVERS)
+            return np.zeros(len(rows) // HAND_OVER_TRIALS)
         posture[new, f] = reached[moves.rng.integers(len(reached), size=len(new))]
-    return (_margins(moves, moves.load, X, posture, after)[:, -1] >= 0).reshape(-1, HAND_OVERS).mean(axis=1)
+    return (_margins(moves, moves.load, X, posture, after)[:, -1] >= 0).reshape(-1, HAND_OVER_TRIALS).mean(axis=1)
 
 
 def _drawn(
@@ -171,19 +172,19 @@ def _drawn(
         Postures (N, n, m), who touches (N, n), and the share of the path for which all of them last (N,).
     """
     rng, (way, steps) = moves.rng, _whole_way(moves)
-    posture, touching = np.repeat(q[None], DRAWN, axis=0), np.zeros((DRAWN, len(q)), dtype=bool)
-    lasts = np.ones(DRAWN)
+    posture, touching = np.repeat(q[None], SETS_DRAWN, axis=0), np.zeros((SETS_DRAWN, len(q)), dtype=bool)
+    lasts = np.ones(SETS_DRAWN)
     lasting = {
         f: moves.lasting(np.full(len(c), f), c, np.repeat(way[None], len(c), axis=0), steps) / steps
         for f, c in reached.items()
         if len(c)
     }
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
-    enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, ENDURING)
+    enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, LASTING_FINGERS)
     for f, share in lasting.items():
         weight = share + 0.05
-        pick = rng.choice(len(share), DRAWN, p=weight / weight.sum())
-        on = rng.random(DRAWN) < (1.0 if every else TOUCHES)
+        pick = rng.choice(len(share), SETS_DRAWN, p=weight / weight.sum())
+        on = rng.random(SETS_DRAWN) < (1.0 if every else TOUCH_CHANCE)
         if enough and f in enduring:
             pick[::2] = rng.choice(enduring[f], len(pick[::2]))
         elif enough:
@@ -250,6 +251,6 @@ def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndar
 
 def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:
     """Poses (k + 1, 3, 4) along the nominal path, as far as grasps are looked ahead, and k >= 1."""
-    k = int(np.clip(np.ceil(moves.path.ticks / COARSE), 1, AHEAD))
-    s = np.minimum(COARSE * np.arange(k + 1), moves.path.ticks)
+    k = int(np.clip(np.ceil(moves.path.ticks / ROOM_STEP_TICKS), 1, LOOKAHEAD_STEPS))
+    s = np.minimum(ROOM_STEP_TICKS * np.arange(k + 1), moves.path.ticks)
     return moves.path.beside(s, np.zeros((k + 1, 6))), k

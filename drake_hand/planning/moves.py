@@ -17,7 +17,7 @@ from drake_hand.planning.object_path import TICK_DEG, TICK_M, ObjectPath
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import Grid, split
 
-LOOK, COARSE = 7, 2.5
+ROOM_STEPS, ROOM_STEP_TICKS = 7, 2.5
 """How far contacts are looked ahead, steps, and the length of a step, ticks."""
 
 
@@ -80,29 +80,34 @@ class Moves:
             on = room[x.touching]
             stuck = int(((room < 0.25) & x.touching & ~liftable).sum())
             x.score = float(on.min(initial=1.0) + on.mean() if len(on) else 0.0)
-            x.score += 0.3 * int(liftable.sum()) + min(float(margin[-1]), hold.COUNTS) - 0.5 * stuck - 0.03 * x.regrasps
+            x.score += (
+                0.3 * int(liftable.sum())
+                + min(float(margin[-1]), hold.COUNTED_MARGIN_N)
+                - 0.5 * stuck
+                - 0.03 * x.regrasps
+            )
 
     def look(self, s: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is ahead of progress s (N,) with offsets (N, 6): paths (N, LOOK + 1, 3, 4) and their steps (N,).
+        """What is ahead of progress s (N,) with offsets (N, 6): paths (N, ROOM_STEPS + 1, 3, 4) and their steps (N,).
 
         Towards the next stop, if it is as near as that, the offset fades, as it has to; after it there is none.
         """
         stops, end = np.array(self.path.marks), self.path.ticks
         stop = stops[np.minimum(np.searchsorted(stops, s + 1e-9, side="right"), len(stops) - 1)]
         left = np.maximum(np.maximum(stop - s, offset_ticks(off)), 0.0)
-        to_stop = np.ceil(left / COARSE)
-        k = np.arange(LOOK + 1)
-        share = np.where(to_stop[:, None] > LOOK, 0.0, np.minimum(k / np.maximum(to_stop[:, None], 1.0), 1.0))
-        far = np.minimum(s[:, None] + COARSE * k, stop[:, None])
-        near = s[:, None] + share * (stop - s)[:, None] + COARSE * np.maximum(k - to_stop[:, None], 0.0)
-        at = np.where(to_stop[:, None] > LOOK, far, np.minimum(near, end))
-        steps = np.minimum(LOOK, to_stop + np.ceil((end - stop) / COARSE)).astype(np.int64)
+        to_stop = np.ceil(left / ROOM_STEP_TICKS)
+        k = np.arange(ROOM_STEPS + 1)
+        share = np.where(to_stop[:, None] > ROOM_STEPS, 0.0, np.minimum(k / np.maximum(to_stop[:, None], 1.0), 1.0))
+        far = np.minimum(s[:, None] + ROOM_STEP_TICKS * k, stop[:, None])
+        near = s[:, None] + share * (stop - s)[:, None] + ROOM_STEP_TICKS * np.maximum(k - to_stop[:, None], 0.0)
+        at = np.where(to_stop[:, None] > ROOM_STEPS, far, np.minimum(near, end))
+        steps = np.minimum(ROOM_STEPS, to_stop + np.ceil((end - stop) / ROOM_STEP_TICKS)).astype(np.int64)
         return self.path.beside(at, (1.0 - share)[..., None] * off[:, None]), steps
 
     def rooms(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, as a share of `LOOK` steps."""
+        """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, over `ROOM_STEPS`."""
         length = self.lasting(finger, q, X, steps)
-        return np.where(length >= steps, 1.0, length / LOOK)
+        return np.where(length >= steps, 1.0, length / ROOM_STEPS)
 
     def lasting(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray | int) -> np.ndarray:
         """(N,) for how many steps contacts of fingers (N,) at q (N, m) roll along paths X (N, most + 1, 3, 4)."""

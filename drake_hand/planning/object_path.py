@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.planning.kernels.pose import poses_beside
 from drake_hand.plans.task import MoveTo, Pose, Rotate, Step
 
-MOVING = ("rotate", "translate", "move_to")
+MOVING_KINDS = ("rotate", "translate", "move_to")
 """Kinds of steps in which the object moves."""
 TICK_DEG = 2.5
 """Largest rotation between neighbouring samples ..."""

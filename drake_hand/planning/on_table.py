@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_hand.errors import InputError
 from drake_hand.model.table import TOUCH, feet
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.object_path import pose
 from drake_hand.plans.task import Pose, Task
@@ -27,9 +27,9 @@ def check_start(task: Task, clearance: Clearance) -> None:
         return
     assert isinstance(task.start, Pose), "a table needs a start pose"
     room = table.gap(feet(clearance.still_shapes), np.eye(4))
-    if room < CLEARANCE:
+    if room < CLEARANCE_M:
         found = f"{-room * 1e3:.1f} mm into it" if room < 0 else f"{room * 1e3:.1f} mm above it"
-        expected = f"the palm at least {CLEARANCE * 1e3:g} mm above it"
+        expected = f"the palm at least {CLEARANCE_M * 1e3:g} mm above it"
         raise InputError("the palm is in the table", key="support.plane_mm", found=found, expected=expected)
     X_WO = pose(task.start)
     gap = table.gap(clearance.feet, X_WO)

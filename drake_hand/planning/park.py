@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.object_path import ObjectPath
 
@@ -55,7 +55,7 @@ def park(
             least = np.minimum(least, clearance.between(i, centres, j, other))
         for X in some if i in parked else some[:1]:
             least = np.minimum(least, clearance.to_object(i, centres, X, tip=True))
-        return np.flatnonzero(least >= CLEARANCE)
+        return np.flatnonzero(least >= CLEARANCE_M)
 
     for i, finger in enumerate(hand.fingers):
         if i in touching:

@@ -20,16 +20,16 @@ from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.switches import switch_between
 
-SHORTEST = np.radians(40.0)
+SHORTEST_PERIOD_RAD = np.radians(40.0)
 """Of periods: about as far as a finger carries an object before it has to step back."""
 
-FEWEST = 3
+FEWEST_PERIODS = 3
 """Periods worth going back to the nominal path for, where a search could do without."""
 
 
 def counts(surface: Surface, axis_O: np.ndarray, point_O: np.ndarray, angle: float) -> Iterator[int]:
     """The numbers of periods into which a turn by `angle` [rad] about a line can be divided, largest first."""
-    for count in range(int(angle / SHORTEST + 1e-9), 1, -1):
+    for count in range(int(angle / SHORTEST_PERIOD_RAD + 1e-9), 1, -1):
         X_OO = np.eye(4)
         X_OO[:3, :3] = Rotation.from_rotvec(angle / count * axis_O).as_matrix()
         X_OO[:3, 3] = point_O - X_OO[:3, :3] @ point_O
@@ -64,7 +64,7 @@ class Period:
             return None
         for count in counts(surface, axis_O, point_O, path.angle):
             ticks, odd = divmod(path.ticks, count)
-            if count >= FEWEST and not odd:
+            if count >= FEWEST_PERIODS and not odd:
                 return cls(ticks=ticks, count=count, X_OO=X_OW @ path.X_WO[ticks])
         return None
 

@@ -33,9 +33,9 @@ LEAST_PRELOAD, PRELOAD_SHARE, MOST_PRELOAD = 0.1, 0.6, 0.35
 """Normal force every contact must be able to bear in addition to balancing the object: N at least, share of its weight,
 N at most. A 40 g cube held with 0.1 N in reserve was dropped in physics; with 0.35 N it was not. What a wrong pose
 takes off a contact depends on the tip's stiffness, not on the weight: heavy objects need no more."""
-INSIDE = 0.98
+CORRIDOR_SHARE = 0.98
 """Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
-FINENESS = 2
+POLYHEDRON_FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
 
 
@@ -102,7 +102,7 @@ class Problem:
         if not moving:
             return still(X_WO)
         polyhedral = any(g.kind == "mesh" for g in self.object.geometries)
-        return build(X_WO, moving, fineness=FINENESS if polyhedral else 1)
+        return build(X_WO, moving, fineness=POLYHEDRON_FINENESS if polyhedral else 1)
 
     def moves(self, task: Task, path: ObjectPath, fingers: frozenset[int]) -> Moves:
         """The moves of these fingers along a nominal path."""
@@ -115,7 +115,7 @@ class Problem:
             path=path,
             corridor=OffsetBounds(rad=0.0, m=0.0)
             if corridor == "none"
-            else OffsetBounds(rad=INSIDE * np.radians(corridor.deg), m=INSIDE * corridor.mm * 1e-3),
+            else OffsetBounds(rad=CORRIDOR_SHARE * np.radians(corridor.deg), m=CORRIDOR_SHARE * corridor.mm * 1e-3),
             fingers=fingers,
             allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
             rng=np.random.default_rng(task.options.seed),

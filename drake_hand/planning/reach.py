@@ -16,10 +16,10 @@ from drake_hand.planning.kernels import transit
 from drake_hand.planning.kernels.holds import held_along
 from drake_hand.planning.kernels.world import WORDS
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.transit import LIFTS
+from drake_hand.planning.transit import LIFTS_M
 from drake_hand.planning.world import seeds, split, world
 
-SPACING, MOST = 5.0e-3, 800
+HOLD_SPACING_M, MOST_HOLDS = 5.0e-3, 800
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 
 
@@ -74,8 +74,10 @@ class ReachTable:
             self.symmetric = clearance.surface.symmetric_about(
                 X[:3, :3].T @ path.axis_W, X[:3, :3].T @ (path.point_W - X[:3, 3])
             )
-        many = len(clearance.surface.sample(SPACING)[0])
-        self._points, self._normals = clearance.surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
+        many = len(clearance.surface.sample(HOLD_SPACING_M)[0])
+        self._points, self._normals = clearance.surface.sample(
+            HOLD_SPACING_M * max(1.0, float(np.sqrt(many / MOST_HOLDS)))
+        )
         self._holds: dict[tuple[int, int], list[Hold]] = {}
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
@@ -116,7 +118,7 @@ class ReachTable:
         transit.contacts(w, finger, near, self._points, self._normals, X, q, p_WP, n_W, able)
         # Where the surface is hollow a tip that touches one side may be inside another.
         able &= self.clearance.surface.closest(self._points + r * self._normals)[2] > r - 1e-5
-        found, why = self._lasting(finger, tick, q[able], n_W[able], height=LIFTS[0])
+        found, why = self._lasting(finger, tick, q[able], n_W[able], height=LIFTS_M[0])
         counts = {"out of reach": int((~able).sum())}
         for word in why:
             counts[word] = counts.get(word, 0) + 1

@@ -18,7 +18,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning import start, steps
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.object_path import MOVING, still
+from drake_hand.planning.object_path import MOVING_KINDS, still
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.searches import from_contacts, from_grasps
 from drake_hand.plans.path import Path
@@ -122,4 +122,4 @@ def hand_overs(steps: list[Step]) -> list[Grasp]:
 
 def moving_steps(steps: list[Step]) -> list[Step]:
     """The leading steps that move the object in one go."""
-    return list(itertools.takewhile(lambda s: s.kind in MOVING, steps))
+    return list(itertools.takewhile(lambda s: s.kind in MOVING_KINDS, steps))

@@ -26,29 +26,29 @@ from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
 from drake_hand.plans.progress import Progress
 
-BIN = 2.0
+BIN_TICKS = 2.0
 """Ticks of progress that share a bin."""
-FARTHEST = 0.35
+FARTHEST_CHANCE = 0.35
 """Chance that a state is taken from the farthest bin, then from the next, and so on ..."""
-ANYWHERE = 0.1
+ANYWHERE_CHANCE = 0.1
 """... and that it is taken from any."""
-PATIENCE = 10
+BIN_EXPANSIONS = 10
 """A bin counts as one bin less far each time so many of its states were expanded: it may be a dead end."""
-TIRED = 0.15
+NICHE_PENALTY = 0.15
 """By how much a score is lowered each time a state of its niche was expanded."""
-CELL = 0.012
+NICHE_M = 0.012
 """States whose contacts are as near as this share a niche, m."""
-CROWD, SPARED = 300, 200
+BIN_CAPACITY, BIN_KEPT = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
-EASED = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
+EASINGS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
 """How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
-SWITCHED = 2
+FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
-RETREAT = 0.2
+RETREAT_CHANCE = 0.2
 """Chance that a finger is asked to wait elsewhere."""
-BY_THEMSELVES = 2.0
+ALONE_SCORE = 2.0
 """What each newton counts that the wanted fingers have to spare, or are short of, without the others."""
-UNWANTED = 6.0
+UNWANTED_TICKS = 6.0
 """Ticks that a finger costs which has still to make or break contact at the end."""
 
 
@@ -89,13 +89,13 @@ class Search:
             x.progress = self._progress(x)
             if self.farthest is None or x.progress > self.farthest.progress + 1e-9:
                 self.farthest = x
-            b = int(x.progress // BIN)
+            b = int(x.progress // BIN_TICKS)
             x.niche = (b, *self._cells(x))
             states_there = self._bins.setdefault(b, [])
             states_there.append(x)
-            if len(states_there) > CROWD:
+            if len(states_there) > BIN_CAPACITY:
                 states_there.sort(key=lambda x: -self._rank(x))
-                del states_there[SPARED:]
+                del states_there[BIN_KEPT:]
 
     def _look_beyond(self, states: list[Node]) -> None:
         """Scores how well the wanted fingers would hold the object by themselves, once all of them touch."""
@@ -106,7 +106,7 @@ class Search:
         alone = [replace(x, touching=wanted) for x in some]
         self.moves.evaluate(alone, np.ones((len(alone), len(wanted))))
         for x, y in zip(some, alone, strict=True):
-            x.score += BY_THEMSELVES * max(float(y.margins[-1]), -1.0)
+            x.score += ALONE_SCORE * max(float(y.margins[-1]), -1.0)
 
     def run(self, budget: int, deadline: float) -> Node | None:
         """Expands so many states, or until time is up (monotonic clock) or nothing is left.
@@ -117,9 +117,9 @@ class Search:
         rng, goal = self.moves.rng, self.moves.path.ticks
         last = self.expansions + budget
         while self.expansions < last and self._bins and time.monotonic() < deadline:
-            bins = sorted(self._bins, key=lambda b: b - self._expanded[b] / PATIENCE, reverse=True)
-            k = min(int(rng.geometric(FARTHEST)) - 1, len(bins) - 1)
-            if rng.random() < ANYWHERE:
+            bins = sorted(self._bins, key=lambda b: b - self._expanded[b] / BIN_EXPANSIONS, reverse=True)
+            k = min(int(rng.geometric(FARTHEST_CHANCE)) - 1, len(bins) - 1)
+            if rng.random() < ANYWHERE_CHANCE:
                 k = int(rng.integers(len(bins)))
             state = max(self._bins[bins[k]], key=self._rank)
             at_goal = state.progress >= goal - 1e-9
@@ -149,7 +149,7 @@ class Search:
 
     def _take(self, x: Node) -> Node:
         """Removes a state."""
-        b = int(x.progress // BIN)
+        b = int(x.progress // BIN_TICKS)
         self._bins[b].remove(x)
         if not self._bins[b]:
             del self._bins[b]
@@ -197,13 +197,15 @@ class Search:
         for f in self.wanted or ():
             urge[f] -= 0.0 if state.touching[f] else 1.0
         able = (state.margins[:-1] >= 0) | ~state.touching
-        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])][:SWITCHED]
+        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])][
+            :FINGERS_SWITCHED
+        ]
         for f in fingers:
             children += draw_switches(self.moves, state, f)
         unwanted = [] if self.wanted is None else [f for f in np.flatnonzero(state.touching) if f not in self.wanted]
         if unwanted:
             children += draw_retreats(self.moves, state, int(rng.choice(unwanted)))
-        elif rng.random() < RETREAT:
+        elif rng.random() < RETREAT_CHANCE:
             children += draw_retreats(self.moves, state, int(rng.integers(len(state.touching))))
         return children
 
@@ -232,7 +234,7 @@ class Search:
         stop = path.next_stop(x.s)
         progress = stop - max(stop - x.s, float(offset_ticks(x.off)))
         if self.wanted is not None:
-            progress -= UNWANTED * sum(bool(on) != (f in self.wanted) for f, on in enumerate(x.touching))
+            progress -= UNWANTED_TICKS * sum(bool(on) != (f in self.wanted) for f, on in enumerate(x.touching))
         return progress
 
     def _share(self, x: Node) -> float:
@@ -240,13 +242,13 @@ class Search:
         return float(np.clip(x.progress / ticks, 0.0, 1.0)) if ticks else float(x.progress >= 0)
 
     def _rank(self, x: Node) -> float:
-        return x.score - TIRED * self._tried[x.niche]
+        return x.score - NICHE_PENALTY * self._tried[x.niche]
 
     def _cells(self, x: Node) -> list[int]:
         """Where the fingers touch, coarsely."""
         cells: list[int] = []
         for f, on in enumerate(x.touching):
-            cells += np.round(x.p_OP[f] / CELL).astype(int).tolist() if on else [999]
+            cells += np.round(x.p_OP[f] / NICHE_M).astype(int).tolist() if on else [999]
         return cells
 
     def _tell(self) -> None:
@@ -264,7 +266,7 @@ class Search:
     def _what_would_help(self, x: Node, kept: list[int]) -> str:
         """What would let one of the fingers that cannot be lifted be lifted, in words."""
         load, helps = self.moves.load, []
-        for times, more, less in () if load.kinematic else EASED:
+        for times, more, less in () if load.kinematic else EASINGS:
             eased = {
                 f"{more} the friction": load._replace(friction=times * load.friction),
                 f"{more} the joints' efforts": load._replace(effort=times * load.effort),

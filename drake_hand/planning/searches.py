@@ -32,18 +32,18 @@ from drake_hand.plans.path import Path
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Grasp, Step, Task
 
-GAIT_SEARCHES, SEARCHES = 12, 6
+GAIT_SEARCHES, FREE_SEARCHES = 12, 6
 """Worked on in turn, of those from the most promising starts: for a motion that comes back, and for any."""
-STARTS = 16
+START_POSES = 16
 """Start poses, at most, from which there is a grasp."""
-GAITS, FOUND, FEW_RAD = 6, 3, np.radians(8.0)
+GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
 """Start poses for which a periodic gait is looked for, more of them as long as fewer than so many are found and none
 turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
-WORTH = 2 / 3
+SHORTENED_SHARE = 2 / 3
 """A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
-HAND_OVER = 200
+HAND_OVER_EXPANSIONS = 200
 """Expansions after which the object is handed over from another grasp instead."""
-USABLE = 8
+USABLE_TICKS = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
 
@@ -69,17 +69,17 @@ def from_grasps(
                 attempts.append(_attempts(problem, task, builder, wanted, moving, then))
         except NoPlanFound as e:
             failures.append(e)
-        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(attempts) / STARTS)))
-        if len(attempts) == STARTS or time.monotonic() > problem.deadline:
+        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(attempts) / START_POSES)))
+        if len(attempts) == START_POSES or time.monotonic() > problem.deadline:
             break
     attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
-    straight = any(x.search.straight for x, *_ in attempts[:SEARCHES])
+    straight = any(x.search.straight for x, *_ in attempts[:FREE_SEARCHES])
     for x, end in [] if straight else _gaits(problem, [x for x, *_ in attempts]):
-        yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, WORTH))
+        yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
     both = list(itertools.chain(*attempts))
     coming_back = [x for x in both if x.search.period is not None]
     free = [x for x in both if x.search.period is None]
-    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + free[:SEARCHES], failures)
+    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + free[:FREE_SEARCHES], failures)
 
 
 def _attempts(
@@ -153,7 +153,7 @@ def from_contacts(
         raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
     search = Search(moves=moves, wanted=named, progress=problem.progress)
     search.add([root])
-    patience = None if named is None else HAND_OVER
+    patience = None if named is None else HAND_OVER_EXPANSIONS
     for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], patience):
         yield after
 
@@ -214,8 +214,8 @@ def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Nod
     found: list[tuple[Attempt, Node]] = []
     for k, x in enumerate(attempts):
         few = x.search.moves.path.angle / FEW_RAD
-        enough = len(found) >= FOUND or any(end.regrasps <= few for _, end in found)
-        if (k >= GAITS and enough) or time.monotonic() > problem.deadline:
+        enough = len(found) >= GAITS_WANTED or any(end.regrasps <= few for _, end in found)
+        if (k >= GAIT_STARTS and enough) or time.monotonic() > problem.deadline:
             break
         if (end := _gait(problem, x)) is not None:
             found.append((x, end))
@@ -227,14 +227,14 @@ def _gait(problem: Problem, attempt: Attempt) -> Node | None:
     task, builder, search = attempt.task, attempt.builder, attempt.search
     moves = search.moves
     path = moves.path
-    if path.axis_W is None or path.ticks <= max(gait.STROKES):
+    if path.axis_W is None or path.ticks <= max(gait.STROKE_TICKS):
         return None
     with problem.stage("gait"):
         q = by_finger(problem.hand, builder.q)
         table = ReachTable(problem.clearance, path, task.options.model)
         if not table.symmetric:
             return None
-        fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE]
+        fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE_TICKS]
         return gait.propose(table, fingers, moves, q, search.able)
 
 

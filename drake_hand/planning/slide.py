@@ -12,7 +12,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning.holding import Holding
 from drake_hand.planning.reach import ReachTable
 
-SLIDE_STEP = 1e-3
+SLIDE_STEP_M = 1e-3
 """Between knots of a slide, m."""
 
 

@@ -18,14 +18,14 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World
-from drake_hand.planning.object_path import MOVING, as_pose, build, pose
-from drake_hand.planning.period import SHORTEST, counts
+from drake_hand.planning.object_path import MOVING_KINDS, as_pose, build, pose
+from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
 from drake_hand.plans.task import Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
-DRAWN = 400
+POSES_DRAWN = 400
 """Poses drawn before the first, coarse choice."""
-RATED = 40
+POSES_OFFERED = 40
 """Of those, poses that are offered."""
 _ALONG = 9
 """Poses along the path at which the object is to be clear of the palm; at the first, middle and last reach counts."""
@@ -43,7 +43,7 @@ _OPPOSITE = -0.7
 """Largest cosine between normals that two fingers press on from opposite sides."""
 _JITTER = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
-TILT = np.radians(30.0)
+MOST_LEAN_RAD = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
 
@@ -79,7 +79,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         rng: for sampling.
     """
     surface = clearance.surface
-    moving = list(itertools.takewhile(lambda s: s.kind in MOVING, task.motion[1:]))
+    moving = list(itertools.takewhile(lambda s: s.kind in MOVING_KINDS, task.motion[1:]))
     fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
     middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
@@ -104,7 +104,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
 
     found: list[tuple[float, np.ndarray]] = []
     best: list[float] = []
-    for k in range(DRAWN):
+    for k in range(POSES_DRAWN):
         if given is not None and len(axes) and k % 2 == 0:
             axis, along = axes[k // 2 % len(axes)], given
         else:
@@ -121,17 +121,17 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
             worth = np.inf
             for x in way[:: (_ALONG - 1) // 2]:
                 worth = min(worth, value(x))
-                if len(best) == RATED and worth <= best[0]:
+                if len(best) == POSES_OFFERED and worth <= best[0]:
                     break  # it is not among the best whatever the rest of its path scores
             found.append((worth, X))
-            best = sorted([*best, worth])[-RATED:]
+            best = sorted([*best, worth])[-POSES_OFFERED:]
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
-    return [found[k][1] for k in order[:RATED]]
+    return [found[k][1] for k in order[:POSES_OFFERED]]
 
 
 def _looking_alike(surface: Surface, angle: float) -> np.ndarray:
     """(k, 3) axes of O about which the object looks the same most often in a turn by `angle`, rad."""
-    often = [next(counts(surface, e, surface.centre, max(angle, 2 * SHORTEST)), 0) for e in np.eye(3)]
+    often = [next(counts(surface, e, surface.centre, max(angle, 2 * SHORTEST_PERIOD_RAD)), 0) for e in np.eye(3)]
     return np.eye(3)[[n == max(often) > 0 for n in often]]
 
 
@@ -197,7 +197,7 @@ def _across(hand: Hand, rng: np.random.Generator) -> np.ndarray:
 def _lean(axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     side = rng.normal(size=3)
     side -= axis * (side @ axis)
-    return Rotation.from_rotvec(side / np.linalg.norm(side) * TILT * np.sqrt(rng.random())).apply(axis)
+    return Rotation.from_rotvec(side / np.linalg.norm(side) * MOST_LEAN_RAD * np.sqrt(rng.random())).apply(axis)
 
 
 def _aligned(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from drake_hand.contact.submodel import Model
 from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.grasp import together
 from drake_hand.planning.holding import Holding
@@ -20,14 +20,14 @@ from drake_hand.planning.object_path import ObjectPath, still
 from drake_hand.planning.on_table import check_release
 from drake_hand.planning.park import park
 from drake_hand.planning.reach import Hold, ReachTable
-from drake_hand.planning.slide import SLIDE_STEP
+from drake_hand.planning.slide import SLIDE_STEP_M
 from drake_hand.planning.slide import holds as slide_holds
 from drake_hand.planning.transit import Surroundings
-from drake_hand.planning.world import EDGE
+from drake_hand.planning.world import EDGE_M
 
-TOUCH = 1e-4
+TOUCHING_M = 1e-4
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
-OPPOSED = np.cos(np.radians(30.0))
+OPPOSED_COS = np.cos(np.radians(30.0))
 """A contact pushes if its normal is within 30 deg of opposing the push."""
 _CONTACT = 1e-5
 """How far from its contact a tip may end up, m."""
@@ -72,11 +72,11 @@ def start_inside(builder: LegBuilder, clearance: Clearance, joints_deg: dict[str
         p_WC = clearance.kinematics[i].fk(q[None, finger.columns])[0]
         foot, _, distance = clearance.surface.closest((p_WC - builder.X_WO[:3, 3]) @ builder.X_WO[:3, :3])
         gaps[finger.name] = float(distance[0]) - finger.radius
-        if abs(gaps[finger.name]) < TOUCH:
+        if abs(gaps[finger.name]) < TOUCHING_M:
             builder.touching[i] = foot[0]
     if not builder.touching:
         found = ", ".join(f"{name} {gap * 1e3:.2f} mm away" for name, gap in gaps.items())
-        expected = f"a fingertip within {TOUCH * 1e3:g} mm of the surface"
+        expected = f"a fingertip within {TOUCHING_M * 1e3:g} mm of the surface"
         raise InputError("no fingertip touches the object", key="start.joints_deg", found=found, expected=expected)
     builder.q = q
     # Tips that touch to within rounding are put exactly onto the surface.
@@ -105,9 +105,9 @@ def slide(
     holds = current_holds(builder, table)
     contacts = together(hand, [holds], table.p_WCom(np.zeros(1, dtype=int))[0])
     kin, columns = clearance.kinematics[finger], hand.fingers[finger].columns
-    u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP)) + 1))[:, None]
+    u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP_M)) + 1))[:, None]
     p_OP, n_O = clearance.surface.move(np.repeat(builder.touching[finger][None], len(u), axis=0), u * s)
-    if (clearance.surface.edge_distance(p_OP) < EDGE).any():
+    if (clearance.surface.edge_distance(p_OP) < EDGE_M).any():
         fail("would slide over an edge", "edge")
     p_WC = (p_OP + kin.finger.radius * n_O) @ X[:3, :3].T + X[:3, 3]
     way = [builder.q[columns]]
@@ -119,7 +119,7 @@ def slide(
     if not slide_holds(table, holding, contacts, X, finger, np.stack(way), p_OP):
         fail("cannot slide: the others do not hold the object", "hold")
     around = Surroundings.of(clearance, builder.q, X, finger)
-    if (around.clear(finger, np.stack(way), tip=False) < CLEARANCE).any():
+    if (around.clear(finger, np.stack(way), tip=False) < CLEARANCE_M).any():
         fail("would hit something as it slides", "collision")
     builder.slide(finger, np.stack(way), p_OP)
 
@@ -148,7 +148,7 @@ def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Mod
         fail(f"reaches no contact that it could keep along the push ({word})", word)
     along = path.X_WO[-1, :3, 3] - X[:3, 3]
     along /= np.linalg.norm(along)
-    opposed = [h for h in lasting if -h.n_W[0] @ along >= OPPOSED]
+    opposed = [h for h in lasting if -h.n_W[0] @ along >= OPPOSED_COS]
     if not opposed:
         fail("reaches no contact whose normal opposes the push", "direction of push")
     p_WCom = table.p_WCom(np.zeros(1, dtype=int))[0]

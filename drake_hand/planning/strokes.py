@@ -16,17 +16,17 @@ from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.world import split
 
-STROKES = 24
+STROKES_DRAWN = 24
 """Strokes drawn for a state."""
-SHORTEST, LONGEST = 4, 36
+SHORTEST_TICKS, LONGEST_TICKS = 4, 36
 """Progress they are drawn from, ticks."""
-BEST = 10
+STROKES_KEPT = 10
 """Of those that get on, how many are kept."""
-STEPS = 60
+MOST_POSES = 60
 """Poses of a stroke at most."""
 SPREAD_RAD, SPREAD_M = np.radians(5.0), 5.0e-3
 """Standard deviation of the offset that a stroke adds."""
-TESTED = 3
+BALANCE_INTERVAL = 3
 """Balance is tested every so many poses."""
 
 
@@ -34,7 +34,7 @@ def draw_strokes(moves: Moves, state: Node) -> list[Node]:
     """The states that strokes from here lead to, each as far as it lasts; the best of them."""
     found = _towards(moves, state, *_targets(moves, state))
     still = [x for x in found if x.s <= state.s]
-    return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:BEST]
+    return still + sorted((x for x in found if x.s > state.s), key=lambda x: -x.s)[:STROKES_KEPT]
 
 
 def carried(moves: Moves, state: Node, s: float, off: np.ndarray) -> Node | None:
@@ -48,7 +48,7 @@ def carried(moves: Moves, state: Node, s: float, off: np.ndarray) -> Node | None
 def _towards(moves: Moves, state: Node, s: np.ndarray, off: np.ndarray) -> list[Node]:
     """How far strokes to progress s (N,) and offsets (N, 6) get."""
     K = np.ceil(np.maximum(s - state.s, offset_ticks(off - state.off)) - 1e-9).astype(np.int64)
-    some = (K > 0) & (K <= STEPS)
+    some = (K > 0) & (K <= MOST_POSES)
     s, off, K = s[some], off[some], K[some]
     if not len(K):
         return []
@@ -76,14 +76,16 @@ def _towards(moves: Moves, state: Node, s: np.ndarray, off: np.ndarray) -> list[
 def _targets(moves: Moves, state: Node) -> tuple[np.ndarray, np.ndarray]:
     """Progress (N,) and offset (N, 6) that strokes aim at; the end of a step is met without an offset."""
     rng, stop = moves.rng, moves.path.next_stop(state.s)
-    s = state.s + rng.uniform(SHORTEST, LONGEST, STROKES)
-    noise = np.concatenate([rng.normal(0, SPREAD_RAD, (STROKES, 3)), rng.normal(0, SPREAD_M, (STROKES, 3))], axis=1)
+    s = state.s + rng.uniform(SHORTEST_TICKS, LONGEST_TICKS, STROKES_DRAWN)
+    noise = np.concatenate(
+        [rng.normal(0, SPREAD_RAD, (STROKES_DRAWN, 3)), rng.normal(0, SPREAD_M, (STROKES_DRAWN, 3))], axis=1
+    )
     off = moves.corridor.clipped(state.off + noise)
     # Some only improve the pose, some keep it, some go straight for the end.
     s[:4] = state.s
-    s[4:6] = state.s + LONGEST
+    s[4:6] = state.s + LONGEST_TICKS
     off[4], off[5:9] = 0.0, state.off
-    if stop - state.s < LONGEST:
+    if stop - state.s < LONGEST_TICKS:
         s[9:12] = stop
     s = np.minimum(s, stop)
     off[(s >= stop) & (s > state.s)] = 0.0
@@ -126,7 +128,9 @@ def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[Node]) -> tu
     q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
 
     def run(r: slice) -> None:
-        stroke.strokes(moves.world, moves.load, X[r], K[r], q0[r], touching[r], TESTED, q[r], length[r], why[r], who[r])
+        stroke.strokes(
+            moves.world, moves.load, X[r], K[r], q0[r], touching[r], BALANCE_INTERVAL, q[r], length[r], why[r], who[r]
+        )
 
     split(run, N, least=12)
     return q, length

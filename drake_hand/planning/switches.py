@@ -13,15 +13,15 @@ import numpy as np
 from drake_hand.planning.kernels import transit
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import FingerSwitch, Node, whole
-from drake_hand.planning.transit import LIFTS, STEP, Surroundings, detour, lift_off
+from drake_hand.planning.transit import LIFTS_M, TRAVEL_STEP_RAD, Surroundings, detour, lift_off
 
-POINTS = 200
+POINTS_OFFERED = 200
 """Surface points a switching finger is offered."""
-TRIED, KEPT = 14, 4
+CONTACTS_TRIED, CONTACTS_KEPT = 14, 4
 """Of those, contacts tried and kept."""
 LEAST_ROOM = 0.12
 """A new contact has to roll on at least so far, of 1."""
-HEIGHTS = np.array(LIFTS)
+LIFT_HEIGHTS_M = np.array(LIFTS_M)
 """Of lifts, m."""
 
 
@@ -33,11 +33,11 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
         return []
     if finger not in moves.fingers or not moves.allowed(whole | {finger}):
         return []
-    q, _, n_W = moves.contacts(finger, state.X, POINTS)
+    q, _, n_W = moves.contacts(finger, state.X, POINTS_OFFERED)
     room = moves.rooms(
         np.full(len(q), finger), q, *moves.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
     )
-    order = np.argsort(-(room + moves.rng.uniform(0, 0.3, len(room))), kind="stable")[:TRIED]
+    order = np.argsort(-(room + moves.rng.uniform(0, 0.3, len(room))), kind="stable")[:CONTACTS_TRIED]
     order = order[room[order] > LEAST_ROOM]
     posture = np.repeat(state.q[None], len(order), axis=0)
     posture[:, finger] = q[order]
@@ -61,15 +61,15 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
     moves.evaluate(out, rooms)
     best = sorted((i for i, x in enumerate(out) if x.margins[-1] >= 0), key=lambda i: -out[i].score)
     kept: list[Node] = []
-    for some in (best[i : i + KEPT] for i in range(0, len(best), KEPT)):
+    for some in (best[i : i + CONTACTS_KEPT] for i in range(0, len(best), CONTACTS_KEPT)):
         found = _transits(moves, state, finger, q[order[some]], n_W[order[some]])
         for i, (height, landing, stop) in zip(some, found.tolist(), strict=True):
             if height >= 0:
                 out[i].move = FingerSwitch(finger=finger, height=height, landing=landing, stop=stop - 1)
                 kept.append(out[i])
-        if len(kept) >= KEPT:
+        if len(kept) >= CONTACTS_KEPT:
             break
-    return kept[:KEPT]
+    return kept[:CONTACTS_KEPT]
 
 
 def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
@@ -82,10 +82,20 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
     found = np.full(len(stops), -1, dtype=np.int64)
     normal = state.n_W[finger]
     transit.retreats(
-        moves.world, finger, state.X, state.q, state.q[finger], touches, normal, HEIGHTS, stops, STEP, found
+        moves.world,
+        finger,
+        state.X,
+        state.q,
+        state.q[finger],
+        touches,
+        normal,
+        LIFT_HEIGHTS_M,
+        stops,
+        TRAVEL_STEP_RAD,
+        found,
     )
     out = []
-    for v in np.flatnonzero(found >= 0)[:KEPT]:
+    for v in np.flatnonzero(found >= 0)[:CONTACTS_KEPT]:
         q, touching = state.q.copy(), state.touching.copy()
         q[finger], touching[finger] = stops[v], False
         if np.array_equal(q, state.q):
@@ -117,7 +127,7 @@ def _retreat(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwit
     found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
     touches, normal = bool(before.touching[finger]), before.n_W[finger]
     args = moves.world, finger, before.X, before.q, before.q[finger], touches, normal
-    transit.retreats(*args, HEIGHTS, stop, STEP, found)
+    transit.retreats(*args, LIFT_HEIGHTS_M, stop, TRAVEL_STEP_RAD, found)
     if found[0] < 0:
         return None
     pieces, start = [], before.q[finger]
@@ -136,7 +146,7 @@ def _transits(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.nda
     normal = state.n_W[finger]
     stops = moves.grid.stops[finger]
     args = moves.world, finger, state.X, state.q, state.q[finger], touches, normal, q, n_W
-    transit.transits(*args, HEIGHTS, stops, STEP, found)
+    transit.transits(*args, LIFT_HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
     return found
 
 
@@ -159,7 +169,7 @@ def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwi
     posture = whole(moves.clearance.hand, before.q)
     around = Surroundings.of(moves.clearance, posture, X, finger)
     normals = np.stack([before.n_W[finger], after.n_W[finger]])
-    for height in LIFTS:
+    for height in LIFTS_M:
         (up, down), able = lift_off(around, finger, np.stack([old, new])[:, :m], normals, height)
         if able.all():
             pieces = detour(around, finger, up[-1], down[-1])
@@ -192,12 +202,12 @@ def ways_of(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
 
 
 def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
-    way = np.zeros((transit.KNOTS, len(q)))
-    transit.lift_way(moves.world, finger, state.X, state.q, q, n_W, LIFTS[height], way)
+    way = np.zeros((transit.LIFT_KNOTS, len(q)))
+    transit.lift_way(moves.world, finger, state.X, state.q, q, n_W, LIFTS_M[height], way)
     return way
 
 
 def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The straight path (k, m) in joint space."""
-    n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
+    n = max(3, int(np.ceil(np.abs(b - a).max() / TRAVEL_STEP_RAD)) + 1)
     return a + np.linspace(0, 1, n)[:, None] * (b - a)

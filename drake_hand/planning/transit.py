@@ -15,18 +15,15 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from drake_hand.contact.chain import solve_least_squares
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
+from drake_hand.planning.kernels.transit import LIFT_JUMP_RAD, LIFT_KNOTS
 
-MOVING = CLEARANCE / 2
+MOVING_CLEARANCE_M = CLEARANCE_M / 2
 """Least clearance along a path, m."""
-LIFTS = (3.0e-3, 8.0e-3, 15.0e-3)
+LIFTS_M = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
-KNOTS = 9
-"""Knots of a lift or a landing."""
-STEP = np.radians(3.0)
+TRAVEL_STEP_RAD = np.radians(3.0)
 """Joint step between knots and between collision checks of a travel."""
-_JUMP = np.radians(20.0)
-"""Joint step beyond which a lift is no longer one path."""
 _ATTEMPTS = 60
 """Shortest paths looked at before a detour is given up."""
 
@@ -66,33 +63,34 @@ def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: fl
     """Paths of finger i from contacts at q (N, m) straight up their normals n_W (N, 3).
 
     Returns:
-        (N, KNOTS, m) paths, and whether each is clear (N,).
+        (N, LIFT_KNOTS, m) paths, and whether each is clear (N,).
     """
     kin, (N, m) = s.clearance.kinematics[i], q.shape
     p, _, J, _ = kin.jacobian(q)
-    heights = np.linspace(0, height, KNOTS)[1:, None]
+    heights = np.linspace(0, height, LIFT_KNOTS)[1:, None]
     guess = q[:, None] + heights * solve_least_squares(J, n_W, damping=1e-3)[:, None]
     up, residual = kin.ik((p[:, None] + heights * n_W[:, None]).reshape(-1, 3), guess.reshape(-1, m))
-    way = np.concatenate([q[:, None], up.reshape(N, KNOTS - 1, m)], axis=1)
-    able = (residual.reshape(N, KNOTS - 1) < 2e-5).all(axis=1) & (np.abs(np.diff(way, axis=1)) < _JUMP).all(axis=(1, 2))
+    way = np.concatenate([q[:, None], up.reshape(N, LIFT_KNOTS - 1, m)], axis=1)
+    jump = np.abs(np.diff(way, axis=1)).max(axis=(1, 2))
+    able = np.logical_and(residual.reshape(N, LIFT_KNOTS - 1).max(axis=1) < 2e-5, jump < LIFT_JUMP_RAD)
     rows = np.flatnonzero(able)
-    along = s.clear(i, way[rows].reshape(-1, m), tip=False).reshape(len(rows), KNOTS)
-    able[rows] = (along >= MOVING).all(axis=1)
+    along = s.clear(i, way[rows].reshape(-1, m), tip=False).reshape(len(rows), LIFT_KNOTS)
+    able[rows] = (along >= MOVING_CLEARANCE_M).all(axis=1)
     rows = np.flatnonzero(able)
-    able[rows] = s.clear(i, way[rows, -1], tip=True) >= CLEARANCE
+    able[rows] = s.clear(i, way[rows, -1], tip=True) >= CLEARANCE_M
     return way, able
 
 
 def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Straight path in joint space from a to b (m,), or None where something is in the way."""
-    n = max(3, int(np.ceil(np.abs(b - a).max() / STEP)) + 1)
+    n = max(3, int(np.ceil(np.abs(b - a).max() / TRAVEL_STEP_RAD)) + 1)
     way = a + np.linspace(0, 1, n)[:, None] * (b - a)
-    return way if (s.clear(i, way, tip=True) >= MOVING).all() else None
+    return way if (s.clear(i, way, tip=True) >= MOVING_CLEARANCE_M).all() else None
 
 
 def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
     """Path of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, or a :func:`detour`."""
-    if (s.clear(i, np.stack([a, b]), tip=True) < MOVING).any():
+    if (s.clear(i, np.stack([a, b]), tip=True) < MOVING_CLEARANCE_M).any():
         return None
     direct = straight_path(s, i, a, b)
     return [direct] if direct is not None else detour(s, i, a, b)
@@ -135,7 +133,7 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
 def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
     """Nodes (row 0 is a, row 1 is b) and their distances: grid neighbours, and both ends to what is near."""
     grid = s.clearance.postures(i)
-    clear = s.beside_palm(i, grid.centres, tip=True) >= CLEARANCE
+    clear = s.beside_palm(i, grid.centres, tip=True) >= CLEARANCE_M
     nodes = np.vstack([a, b, grid.q[clear]])
     row = np.cumsum(clear) + 1
     pairs = row[grid.neighbours[clear[grid.neighbours].all(axis=1)]]

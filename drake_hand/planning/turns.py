@@ -16,9 +16,9 @@ from drake_hand.planning.state import Node
 from drake_hand.planning.world import at_once
 from drake_hand.plans.task import Task
 
-SLICE = 20
+SLICE_EXPANSIONS = 20
 """States expanded before it is another search's turn."""
-AT_ONCE = 2
+SEARCHES_AT_ONCE = 2
 """Searches at work side by side, however many cores there are: so that plans do not depend on the machine."""
 
 
@@ -56,8 +56,8 @@ def in_turn(
         live = sorted((x for x in attempts if not x.search.exhausted), key=lambda x: x.effort)
         if not live:
             break
-        now = live[:AT_ONCE]
-        ends = at_once([partial(x.search.run, SLICE, deadline) for x in now])
+        now = live[:SEARCHES_AT_ONCE]
+        ends = at_once([partial(x.search.run, SLICE_EXPANSIONS, deadline) for x in now])
         done = [(x, end) for x, end in zip(now, ends, strict=True) if end is not None]
         yield done
         found |= bool(done)

@@ -14,7 +14,7 @@ from drake_hand.planning.approach import ways
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.transit import MOVING
+from drake_hand.planning.transit import MOVING_CLEARANCE_M
 from drake_hand.plans.path import Path
 from drake_hand.plans.task import Task
 
@@ -64,7 +64,7 @@ def _check_clear(clearance: Clearance, q: np.ndarray, X_WO: np.ndarray) -> None:
         for j, other in enumerate(hand.fingers[:i]):
             gaps[other.name] = float(clearance.between(i, centres[i], j, centres[j])[0])
         for what, gap in gaps.items():
-            if gap < MOVING:
+            if gap < MOVING_CLEARANCE_M:
                 raise no_plan(
                     f"finger {finger.name} is {gap * 1e3:.1f} mm from {what}: move it clear by hand, drives off",
                     mode=code(hand, ()),

@@ -20,18 +20,18 @@ import numpy as np
 from drake_hand.contact.kernels.geometry import solid
 from drake_hand.contact.kernels.rolling import chains as chains_of
 from drake_hand.model.object import Geometry
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.kernels import world as kernels
 
 T = TypeVar("T")
-EDGE = 1.0e-3
+EDGE_M = 1.0e-3
 """How far contacts stay from the edges of the surface, m."""
-SPACING, MOST = 3.0e-3, 2000
+POINT_SPACING_M, MOST_POINTS = 3.0e-3, 2000
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
-STOPS = 6
+FREE_POSTURES = 6
 """Free postures a finger is offered."""
-DEXTERITY = 3.0e-3
+LEAST_DEXTERITY = 3.0e-3
 """Least singular value of the Jacobian of a tip that holds, m/rad."""
 POLYHEDRON_SUBSTEPS = 3
 """Rolling steps between two poses on polyhedra, where contacts move in jerks."""
@@ -86,8 +86,8 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         table=_table(clearance),
         cover=cover if still else cover._replace(still=np.zeros((len(r), 1), dtype=np.bool_)),
         p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
-        clearance=CLEARANCE,
-        edge=EDGE,
+        clearance=CLEARANCE_M,
+        edge=EDGE_M,
         pivot=pivot,
         substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
     )
@@ -117,7 +117,7 @@ def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
             torsion_radius=float(holding.torsion_radius),
             spin_arm=holding.spin_arm,
             preload=float(holding.preload),
-            dexterity=DEXTERITY,
+            dexterity=LEAST_DEXTERITY,
             effort=holding.effort,
         )
     assert isinstance(holding, Kinematic)
@@ -151,14 +151,14 @@ class Grid:
     def of(cls, clearance: Clearance) -> Grid:
         """The grid of a scene."""
         surface = clearance.surface
-        many = len(surface.sample(SPACING)[0])
-        points, normals = surface.sample(SPACING * max(1.0, float(np.sqrt(many / MOST))))
-        inside = surface.edge_distance(points) >= EDGE
+        many = len(surface.sample(POINT_SPACING_M)[0])
+        points, normals = surface.sample(POINT_SPACING_M * max(1.0, float(np.sqrt(many / MOST_POINTS))))
+        inside = surface.edge_distance(points) >= EDGE_M
         m = max(len(kin.lower) for kin in clearance.kinematics)
         stops = []
         for i, kin in enumerate(clearance.kinematics):
             home = np.clip(clearance.hand.q_home[kin.finger.columns], kin.lower, kin.upper)
-            stops.append(np.pad(_far_apart(clearance.postures(i).q, home, STOPS), [(0, 0), (0, m - len(home))]))
+            stops.append(np.pad(_far_apart(clearance.postures(i).q, home, FREE_POSTURES), [(0, 0), (0, m - len(home))]))
         return cls(
             points=np.ascontiguousarray(points[inside]),
             normals=np.ascontiguousarray(normals[inside]),

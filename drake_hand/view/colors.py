@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-SUBMODEL = {"0": "#d5d9e0", "1": "#2a6fbb", "2": "#e08a1e"}
+SUBMODEL_COLORS = {"0": "#d5d9e0", "1": "#2a6fbb", "2": "#e08a1e"}
 """By digit of the mode code: FREE, ROLL, SLIDE."""
-SUBMODEL_NAME = {"0": "free", "1": "rolling", "2": "sliding"}
+SUBMODEL_NAMES = {"0": "free", "1": "rolling", "2": "sliding"}
 
-CONTACT = "#111827"
+CONTACT_COLOR = "#111827"
 
 _FINGERS = ("#cc79a7", "#009e73", "#0072b2", "#e69f00", "#d55e00", "#56b4e9", "#7a5195", "#8c564b")
 """Colour-blind safe (Okabe & Ito); the bundled hand's fingertips wear them."""

@@ -13,7 +13,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import States, Trajectory, turned_about
 from drake_hand.verify.balance import friction_margins
 
-TURNS = np.radians(1.0)
+LEAST_TURN_RAD = np.radians(1.0)
 """An object that turns less does not turn."""
 
 
@@ -77,7 +77,7 @@ def object_turn(states: States) -> tuple[np.ndarray, np.ndarray]:
     rotation = cumulative_trapezoid(states.V_WO[:, :3], states.t, axis=0, initial=0.0)
     largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]
     size = np.linalg.norm(largest)
-    if size < TURNS:
+    if size < LEAST_TURN_RAD:
         return np.zeros(len(states.t)), np.array([0.0, 0.0, 1.0])
     axis = largest / size
     return np.degrees(turned_about(states.X_WO[:, :3, :3], axis)), axis

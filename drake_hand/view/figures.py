@@ -14,11 +14,11 @@ from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
 from drake_hand.view import paper_figures
-from drake_hand.view.colors import SUBMODEL, SUBMODEL_NAME, finger_color
+from drake_hand.view.colors import SUBMODEL_COLORS, SUBMODEL_NAMES, finger_color
 from drake_hand.view.course import Course, object_turn
-from drake_hand.view.style import FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
+from drake_hand.view.style import FIGURE_FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
 
-SAMPLES = 2000
+FIGURE_SAMPLES = 2000
 GAP_MM = 0.1
 """Contact gap the certificate allows."""
 _STYLES = ("-", "--", ":", "-.")
@@ -26,7 +26,7 @@ _STYLES = ("-", "--", ":", "-.")
 
 def drawings(plan: Plan, hand: Hand) -> dict[str, Callable[[], Figure]]:
     """What there is to draw of a plan, by name; those of the paper bear its number."""
-    course = Course.of(plan, hand, np.linspace(0.0, plan.duration, SAMPLES))
+    course = Course.of(plan, hand, np.linspace(0.0, plan.duration, FIGURE_SAMPLES))
     found: dict[str, Callable[[], Figure]] = {
         "fig11_automaton": lambda: paper_figures.draw_automaton(plan),
         "fig12_coordination": lambda: paper_figures.draw_coordination(plan, course),
@@ -63,8 +63,8 @@ def draw_plan(plan: Plan, hand: Hand, folder: Path, *, formats: Sequence[str] = 
         InputError: an unknown format.
     """
     for suffix in formats:
-        if suffix not in FORMATS:
-            raise InputError("unknown format", key="formats", found=suffix, expected=", ".join(FORMATS))
+        if suffix not in FIGURE_FORMATS:
+            raise InputError("unknown format", key="formats", found=suffix, expected=", ".join(FIGURE_FORMATS))
     files = []
     for name, draw in drawings(plan, hand).items():
         files += save(draw(), folder, name, formats)
@@ -78,7 +78,7 @@ def draw_modes(plan: Plan) -> Figure:
     ax = figure.subplots()
     for part in plan.parts:
         for row, code in enumerate(part.mode):
-            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL[code], linewidth=0)
+            ax.barh(row, part.t[-1] - part.t[0], left=part.t[0], height=0.72, color=SUBMODEL_COLORS[code], linewidth=0)
     ax.set_yticks(range(len(plan.fingers)), plan.fingers)
     ax.set_xlim(0, plan.duration)
     ax.tick_params(axis="y", length=0)
@@ -86,7 +86,9 @@ def draw_modes(plan: Plan) -> Figure:
     ax.set_xlabel("time [s]")
     shown = sorted({c for p in plan.parts for c in p.mode})
     figure.legend(
-        handles=[Patch(color=SUBMODEL[c], label=SUBMODEL_NAME[c]) for c in shown], loc="outside lower center", ncols=3
+        handles=[Patch(color=SUBMODEL_COLORS[c], label=SUBMODEL_NAMES[c]) for c in shown],
+        loc="outside lower center",
+        ncols=3,
     )
     return figure
 

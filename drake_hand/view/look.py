@@ -20,7 +20,7 @@ from drake_hand.view.hand_picture import sweeps
 from drake_hand.view.page import Page, insert
 from drake_hand.view.stage import Stage
 
-REACH = 1200
+REACH_POSTURES = 1200
 """Random postures from which the reach of a fingertip is drawn."""
 _AXES = (("x", "#c0392b"), ("y", "#1e8449"), ("z", "#2471a3"))
 _WAY = "#374151"
@@ -144,7 +144,7 @@ def _page(
         stage.still_arrow(f"ways/frame/{name}", color, X, 0.3 * stage.size)
         labels.append({"name": name, "color": color, "path": "stage", "p": (0.3 * stage.size * axis).tolist()})
     rng = np.random.default_rng(0)
-    p_WC = tip_centres(hand, rng.uniform(hand.q_lower, hand.q_upper, (REACH, hand.nq)))
+    p_WC = tip_centres(hand, rng.uniform(hand.q_lower, hand.q_upper, (REACH_POSTURES, hand.nq)))
     for finger in hand.fingers:
         stage.cloud(f"reach/{finger.name}", finger.index, p_WC[:, finger.index])
     q = hand.q_home if q is None else q

@@ -18,7 +18,7 @@ import numpy as np
 from drake_hand.files import write_atomic
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.words import badge, figure, figure_lines, per_cent, plan_verdict, title
-from drake_hand.view.colors import SUBMODEL
+from drake_hand.view.colors import SUBMODEL_COLORS
 from drake_hand.view.course import Course, object_turn
 
 STRIP_SAMPLES = 400
@@ -123,7 +123,8 @@ def add_panel(
 
 def insert(html: str, template: str, data: dict[str, Any]) -> Page:
     """Puts a panel of ``web/`` and its data into a page of Meshcat's."""
-    colors = f":root {{ --free: {SUBMODEL['0']}; --roll: {SUBMODEL['1']}; --slide: {SUBMODEL['2']}; }}\n"
+    free, roll, slide = (SUBMODEL_COLORS[digit] for digit in "012")
+    colors = f":root {{ --free: {free}; --roll: {roll}; --slide: {slide}; }}\n"
     folder = resources.files("drake_hand.view").joinpath("web")
 
     def fill(match: re.Match[str]) -> str:

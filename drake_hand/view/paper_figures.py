@@ -16,7 +16,7 @@ from drake_hand.view.sketch import Sketch
 from drake_hand.view.style import bent_arrow, column, in_print, legend_below, mark_switches, panels, touching
 
 _VISITED = "#d55e00"
-FRAMES = 4
+PAPER_FRAMES = 4
 
 
 @in_print()

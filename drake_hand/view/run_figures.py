@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from drake_hand.epos.record import RunRecord
 from drake_hand.view.style import column, in_print, legend_below, save
 
-FAULT = "#c0392b"
+FAULT_COLOR = "#c0392b"
 
 
 def draw_run(record: RunRecord, folder: Path, *, formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -69,17 +69,17 @@ def draw_errors(record: RunRecord) -> Figure:
     error.invert_yaxis()
     figure.colorbar(shown, ax=error, label="|commanded - measured| [deg]")
     late.plot(record.t, record.late_ms, color="0.3", lw=0.5)
-    late.axhline(record.header.sync_ms, color=FAULT, ls="--", lw=0.6)
+    late.axhline(record.header.sync_ms, color=FAULT_COLOR, ls="--", lw=0.6)
     late.set_ylabel("SYNC late\n[ms]")
     late.set_xlabel("time [s]")
     for ax in (error, late):
         _mark_stop(ax, record)
     for fault in record.header.faults[:1]:
-        error.set_title(f"stopped: {fault.text}", loc="left", fontsize=6, color=FAULT)
+        error.set_title(f"stopped: {fault.text}", loc="left", fontsize=6, color=FAULT_COLOR)
     return figure
 
 
 def _mark_stop(ax: Axes, record: RunRecord) -> None:
     """A line where a fault ended the motion."""
     if record.header.faults and record.playing.any():
-        ax.axvline(record.t[np.flatnonzero(record.playing)[-1]], color=FAULT, lw=0.8)
+        ax.axvline(record.t[np.flatnonzero(record.playing)[-1]], color=FAULT_COLOR, lw=0.8)

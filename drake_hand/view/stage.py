@@ -30,9 +30,9 @@ from drake_hand.plans.trajectory import quaternions
 from drake_hand.view.colors import finger_color, rgb
 from drake_hand.view.keyframes import hold, needed, row_changes
 
-FRAMES = 12000
+MOST_FRAMES = 12000
 """Most frames of a recording, however long."""
-FRAME_RATE = 30.0
+MOST_FRAMES_PER_S = 30.0
 """Most frames per second."""
 
 _ROOT = "/stage"
@@ -67,7 +67,7 @@ class _Track:
 
 def frame_times(duration: float) -> np.ndarray:
     """(k,) equally spaced times from 0 to `duration`, as many as a recording needs."""
-    frames = int(np.clip(np.ceil(duration * FRAME_RATE), 1, FRAMES))
+    frames = int(np.clip(np.ceil(duration * MOST_FRAMES_PER_S), 1, MOST_FRAMES))
     return np.linspace(0.0, duration, frames + 1)
 
 
@@ -83,7 +83,7 @@ class Stage:
     def __init__(self, scene: Scene, t: np.ndarray, *, gravity: np.ndarray) -> None:
         self._scene, self._t = scene, t
         self._meshcat = _quiet_meshcat()
-        self._animation = MeshcatAnimation((len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else FRAME_RATE)
+        self._animation = MeshcatAnimation((len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else MOST_FRAMES_PER_S)
         self._animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
         self._R_VW = upright(gravity)
         self._ways: list[dict[str, Any]] = []

@@ -21,7 +21,7 @@ WIDTH_MM = 85.0
 """Of a column in print."""
 MOST_SWITCHES = 60
 """Changes of mode up to which they are marked."""
-FORMATS = ("svg", "pdf", "png")
+FIGURE_FORMATS = ("svg", "pdf", "png")
 _DPI = 300
 _CELL = (200, 130)
 """Dots per inch of a figure in a notebook cell, and at which of them it is shown there: larger than in print."""

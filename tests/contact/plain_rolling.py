@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.chain import FingerKinematics, cross, material_jacobian, solve_least_squares
 from drake_hand.contact.submodel import Model
 from drake_hand.contact.surface import Surface
-from drake_hand.planning.kernels.stroke import MOST_DRIFT_M, MOST_STEP_CHANGE_RAD, SLIP, STEP
+from drake_hand.planning.kernels.stroke import MOST_DRIFT_M, MOST_STEP_CHANGE_RAD, MOST_STEP_RAD, SINGULAR_SLIP_M
 
 _DAMPING = 1e-4
 """Of the least-squares solutions, m per rad: keeps them bounded next to singular poses."""
@@ -82,7 +82,7 @@ def roll(
         slipped = slipped + np.linalg.norm(_apply(tip.J, back_q) - back, axis=1)
         ends = [
             ("joint limit", ((now < kinematics.lower) | (now > kinematics.upper)).any(1)),
-            ("singular", (np.abs(now - before).max(axis=1) > STEP) | (slipped > SLIP)),
+            ("singular", (np.abs(now - before).max(axis=1) > MOST_STEP_RAD) | (slipped > SINGULAR_SLIP_M)),
             ("edge", (surface.edge_distance(tip.p_OS) < edge_margin) | ((k > 0) & (drift > MOST_DRIFT_M))),
         ]
         dead = np.zeros(len(alive), dtype=bool)

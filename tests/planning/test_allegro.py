@@ -6,7 +6,7 @@ import pytest
 from drake_hand import api
 from drake_hand.model.hand import Hand
 from drake_hand.physics.replay import replay
-from drake_hand.planning.collision import LIMIT_MARGIN
+from drake_hand.planning.collision import LIMIT_MARGIN_RAD
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task
 from drake_hand.plans.trajectory import Trajectory
 
@@ -44,7 +44,7 @@ def plan(tmp_path_factory, models):
 def test_commands_stay_within_the_joints_limits_however_strong_the_servos(plan):
     hand = Hand.load(plan.task.hand)
     states = Trajectory(plan).at(np.concatenate([part.t for part in plan.parts]))
-    assert np.abs(states.q_offset).max() > LIMIT_MARGIN, "the hand presses harder than the margin for servos allows"
+    assert np.abs(states.q_offset).max() > LIMIT_MARGIN_RAD, "the hand presses harder than the margin for servos allows"
     assert (states.q_command <= hand.q_upper + 1e-9).all()
     assert (states.q_command >= hand.q_lower - 1e-9).all()
 

@@ -7,7 +7,7 @@ import pytest
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.park import park
 from tests.planning.small import clearance, contact, path, scene, table, touch, turn
@@ -132,7 +132,7 @@ def test_a_finger_waits_clear_of_all_the_object_will_pass():
     inward[c.hand.fingers[0].columns] = [0.0, np.radians(10.0), np.radians(40.0)]
     q = park(c, along, [0], inward)
     centres = c.centres(0, q[None, c.hand.fingers[0].columns])
-    assert min(c.to_object(0, centres, X, tip=True)[0] for X in along.X_WO) >= CLEARANCE
+    assert min(c.to_object(0, centres, X, tip=True)[0] for X in along.X_WO) >= CLEARANCE_M
     assert np.abs(q - inward)[c.hand.fingers[0].columns].max() > 0.01, "it had to give way"
     np.testing.assert_array_equal(park(c, along, [0]), c.hand.q_home)
 

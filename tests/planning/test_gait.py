@@ -7,7 +7,7 @@ import pytest
 
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.world import load_on_hand
 from tests.planning.small import equilibrium, moves, path, table, turn, waiting
 
@@ -26,8 +26,8 @@ def gaits(reach):
     bears, rng = load_on_hand(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     every = lambda touching: True  # noqa: E731
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gait, "SAMPLES", 1000)  # a look at fewer: this is about what is found, not how much
-        patch.setattr(gait, "POOL", 40)
+        patch.setattr(gait, "GAITS_RATED", 1000)  # a look at fewer: this is about what is found, not how much
+        patch.setattr(gait, "BASE_CONTACTS", 40)
         return gait.find(reach, FINGERS, bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,), starts=1)
 
 
@@ -65,7 +65,7 @@ def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
                 x, y = one.holds[a], one.holds[b]
                 for i, j in ((0, 0), (STROKE, STROKE), (0, STROKE), (STROKE, 0)):
                     gap = reach.clearance.between(x.finger, centres(x, i), y.finger, centres(y, j))
-                    assert gap[0] >= CLEARANCE
+                    assert gap[0] >= CLEARANCE_M
 
 
 def test_the_best_come_first(gaits):

@@ -7,7 +7,7 @@ from small import scene
 
 from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.table import Table
-from drake_hand.planning.collision import CLEARANCE, Clearance
+from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.object_path import pose
 from drake_hand.planning.on_table import check_release, check_start
@@ -89,7 +89,7 @@ def test_fingers_keep_off_the_table():
             poses, touching = np.repeat(far[None], len(q), axis=0), np.zeros((len(q), 5), dtype=bool)
             clear.clear(world(c, pivot=False), poses, hands, touching, row)
         assert ok[0].any()
-        np.testing.assert_array_equal(ok[0], ok[1] & (least >= CLEARANCE))
+        np.testing.assert_array_equal(ok[0], ok[1] & (least >= CLEARANCE_M))
 
 
 def test_the_object_may_touch_the_table_but_not_reach_into_it():

@@ -45,13 +45,13 @@ def test_a_mass_beside_the_axis_has_no_period():
 @pytest.fixture(scope="module")
 def twice():
     """A state one period on whose fingers can go back, and what comes of it."""
-    before, period.SHORTEST = period.SHORTEST, np.radians(10.0)
+    before, period.SHORTEST_PERIOD_RAD = period.SHORTEST_PERIOD_RAD, np.radians(10.0)
     try:
         way = path("quartet", turn(30.0))
         m = moves("quartet", "cylinder", way)
         p = Period.of(way, m.clearance.surface, np.array(m.clearance.p_OCom))
     finally:
-        period.SHORTEST = before
+        period.SHORTEST_PERIOD_RAD = before
     assert p.count == 3
     for root in grasp.roots(m, waiting("quartet"), every=False, most=False):
         x = carried(m, root, float(p.ticks), root.off)

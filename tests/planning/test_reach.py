@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.reach import Hold, ReachTable
 from drake_hand.plans.task import Rotate, Step
 from tests.planning.small import clearance, move, path, table, turn
@@ -65,8 +65,8 @@ def test_phalanges_stay_clear_of_object_and_palm(reach):
     for i in range(len(c.hand.fingers)):
         for tick in (0, reach.path.ticks // 2, reach.path.ticks):
             centres = c.centres(i, np.array([h.q[tick] for h in reach.holds(i, 0) if h.end >= tick]))
-            assert c.to_object(i, centres, reach.path.X_WO[tick], tip=False).min() >= CLEARANCE
-            assert c.to_palm(i, centres).min() >= CLEARANCE
+            assert c.to_object(i, centres, reach.path.X_WO[tick], tip=False).min() >= CLEARANCE_M
+            assert c.to_palm(i, centres).min() >= CLEARANCE_M
 
 
 def test_material_points_move_as_their_jacobians_say():
@@ -150,8 +150,8 @@ def test_holds_keep_clear_of_fingers_that_wait():
     def least_gap(reach: ReachTable) -> float:
         return min(c.between(1, c.centres(1, h.q), 0, placed).min() for h in reach.holds(1, 0))
 
-    assert least_gap(alone) < CLEARANCE, "alone, some would touch it"
-    assert least_gap(beside) >= CLEARANCE
+    assert least_gap(alone) < CLEARANCE_M, "alone, some would touch it"
+    assert least_gap(beside) >= CLEARANCE_M
 
 
 def test_the_mass_centre_goes_with_the_object():

@@ -8,11 +8,11 @@ import pytest
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import grasp
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.period import Period
-from drake_hand.planning.search import BIN, PATIENCE, Search
+from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
 from drake_hand.planning.state import Node
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
@@ -40,7 +40,7 @@ def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Sea
 def test_grasps_balance_the_object_and_are_clear():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 20.0)))
     found = roots(m)
-    assert 10 < len(found) <= grasp.GRASPS
+    assert 10 < len(found) <= grasp.ROOT_GRASPS
     q, on = np.stack([x.q for x in found]), np.stack([x.touching for x in found])
     X = np.repeat(m.path.X_WO[:1, :3], len(found), axis=0)
     sets = as_sets(m.clearance, X, q, on)
@@ -48,7 +48,7 @@ def test_grasps_balance_the_object_and_are_clear():
     for x in found:
         centres = [m.clearance.centres(f, x.q[f : f + 1, : len(k.lower)]) for f, k in enumerate(m.clearance.kinematics)]
         between = m.clearance.between
-        assert min(between(a, centres[a], b, centres[b])[0] for a in range(4) for b in range(a)) >= CLEARANCE
+        assert min(between(a, centres[a], b, centres[b])[0] for a in range(4) for b in range(a)) >= CLEARANCE_M
     assert len({x.q.tobytes() for x in found}) == len(found)
 
 
@@ -200,8 +200,8 @@ def test_roots_that_the_hand_cannot_get_to_are_left():
 
 
 def test_what_follows_from_a_root_that_cannot_be_got_to_does_not_count(monkeypatch):
-    monkeypatch.setattr("drake_hand.planning.search.FARTHEST", 1.0)
-    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE", 0.0)
+    monkeypatch.setattr("drake_hand.planning.search.FARTHEST_CHANCE", 1.0)
+    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE_CHANCE", 0.0)
     m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
     good, bad = roots(m)[:2]
     far = replace(bad, s=6.0, parent=bad)
@@ -261,18 +261,18 @@ def test_states_much_alike_share_a_niche():
 
 
 def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):
-    monkeypatch.setattr("drake_hand.planning.search.FARTHEST", 1.0)
-    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE", 0.0)
+    monkeypatch.setattr("drake_hand.planning.search.FARTHEST_CHANCE", 1.0)
+    monkeypatch.setattr("drake_hand.planning.search.ANYWHERE_CHANCE", 0.0)
     m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
     near = roots(m)[0]
-    far = Node(s=5 * BIN, off=near.off, X=near.X, q=near.q, touching=near.touching)
+    far = Node(s=5 * BIN_TICKS, off=near.off, X=near.X, q=near.q, touching=near.touching)
     m.evaluate([far])
     search, asked = Search(moves=m, able=lambda root: True), []
     monkeypatch.setattr(search, "_children", lambda state: asked.append(state) or [])
     monkeypatch.setattr(search, "_first", lambda: [])
     search.add([near, far])
-    search.run(6 * PATIENCE, time.monotonic() + 60.0)
-    assert asked.index(near) == 5 * PATIENCE, "five bins back"
+    search.run(6 * BIN_EXPANSIONS, time.monotonic() + 60.0)
+    assert asked.index(near) == 5 * BIN_EXPANSIONS, "five bins back"
 
 
 def test_a_search_for_a_period_looks_for_one(turned):

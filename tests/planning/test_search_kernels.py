@@ -8,13 +8,13 @@ import pytest
 from drake_hand.contact.compliance import turns
 from drake_hand.contact.spin import twisted
 from drake_hand.planning import grasp
-from drake_hand.planning.collision import CLEARANCE
+from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
 from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
-from drake_hand.planning.transit import MOVING, STEP, Surroundings
+from drake_hand.planning.transit import MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
 from tests.contact.plain_rolling import roll
 from tests.planning.small import (
@@ -105,7 +105,7 @@ def pinched():
 def test_whole_hands_said_to_be_clear_are(pinched):
     m, X, q0, touching = pinched
     assert len(q0) > 20
-    assert min(gap(m.clearance, X, q, on) for q, on in zip(q0, touching, strict=True)) >= CLEARANCE - 1e-9
+    assert min(gap(m.clearance, X, q, on) for q, on in zip(q0, touching, strict=True)) >= CLEARANCE_M - 1e-9
 
 
 def test_a_stroke_ends_where_something_comes_too_near(pinched):
@@ -113,9 +113,9 @@ def test_a_stroke_ends_where_something_comes_too_near(pinched):
     q, length, why, _ = carried(m, q0, touching, anything(m))
     X = m.path.X_WO[:, :3]
     for i in range(len(q0)):
-        assert all(gap(m.clearance, X[k], q[i, k], touching[i]) >= CLEARANCE - 1e-9 for k in range(length[i] + 1))
+        assert all(gap(m.clearance, X[k], q[i, k], touching[i]) >= CLEARANCE_M - 1e-9 for k in range(length[i] + 1))
         if why[i] in (OBJECT, FINGERS):
-            assert gap(m.clearance, X[length[i] + 1], q[i, length[i] + 1], touching[i]) < CLEARANCE
+            assert gap(m.clearance, X[length[i] + 1], q[i, length[i] + 1], touching[i]) < CLEARANCE_M
     assert {OBJECT, FINGERS} <= set(why.tolist())
 
 
@@ -138,7 +138,9 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
         )
         sets = as_sets(m.clearance, XX, q0, touching)
         told, true = margins[:, 4], holding.margins(sets)
-        np.testing.assert_allclose(np.minimum(told, hold.COUNTS), np.minimum(true, hold.COUNTS), atol=1e-6)
+        np.testing.assert_allclose(
+            np.minimum(told, hold.COUNTED_MARGIN_N), np.minimum(true, hold.COUNTED_MARGIN_N), atol=1e-6
+        )
         assert (told <= true + 1e-6).all()
         np.testing.assert_allclose(n_W[touching], sets.n_W[touching], atol=1e-9)
         for f in range(4):
@@ -256,7 +258,7 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
         others[0], others[1] = mine.q[0], contact(reach, 1, (0.0, 8e-3, z)).q[0]
         found = np.zeros((1, 3), dtype=np.int64)
         args = m.world, 0, X, others, mine.q[0], True, mine.n_W[0], mine.q[:1].copy(), mine.n_W[:1].copy()
-        transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), STEP, found)
+        transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), TRAVEL_STEP_RAD, found)
         assert (found[0, 0] >= 0) == fine
 
 
@@ -275,7 +277,7 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
                 lifted, landed = bool(before.touching[f]), bool(after.touching[f])
                 for k, piece in enumerate(pieces):
                     at_contact = (k == 0 and lifted) or (k == len(pieces) - 1 and landed)
-                    assert around.clear(f, piece, tip=not at_contact).min() >= MOVING - 1e-9
+                    assert around.clear(f, piece, tip=not at_contact).min() >= MOVING_CLEARANCE_M - 1e-9
                 for one, two in itertools.pairwise(pieces):
                     np.testing.assert_allclose(one[-1], two[0], atol=1e-12)
                 checked += 1

@@ -8,7 +8,7 @@ import pytest
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import searches
-from drake_hand.planning.turns import SLICE, Attempt, in_turn
+from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
 
 ENDLESS = SimpleNamespace(deadline=np.inf)
@@ -56,7 +56,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
-    assert len(begun[0]) == searches.STARTS - 1
+    assert len(begun[0]) == searches.START_POSES - 1
 
 
 class _Search:
@@ -76,9 +76,9 @@ def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_mo
     rounds = in_turn(some, [], lambda: False, np.inf)
     next(rounds)
     next(rounds)
-    assert [x.search.expansions for x in some] == [SLICE] * 4
+    assert [x.search.expansions for x in some] == [SLICE_EXPANSIONS] * 4
     for _ in range(30):
         next(rounds)
     spent = [x.search.expansions for x in some]
     assert spent[0] > spent[2] > 2 * spent[1]
-    assert min(spent) > SLICE, "none is forgotten"
+    assert min(spent) > SLICE_EXPANSIONS, "none is forgotten"

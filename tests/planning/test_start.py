@@ -14,7 +14,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.planner import find_paths
-from drake_hand.planning.start import RATED, palms, variants
+from drake_hand.planning.start import POSES_OFFERED, palms, variants
 from drake_hand.planning.world import world
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task
@@ -43,7 +43,7 @@ def auto(clearance) -> list[Task]:
 def test_what_the_task_names_stays(clearance, auto):
     task = spin()
     assert starts(task, clearance) == [task]
-    assert len(auto) == RATED
+    assert len(auto) == POSES_OFFERED
     assert {t.physics.gravity for t in auto} == {task.physics.gravity}
 
 
@@ -51,7 +51,7 @@ def test_a_free_palm_is_tried_every_way(clearance):
     ways = palms(clearance.hand)
     assert [t.physics.gravity for t in starts(spin(physics=Physics(gravity="auto")), clearance)] == ways
     both = starts(spin(start="auto", physics=Physics(gravity="auto")), clearance)
-    assert len(both) == RATED
+    assert len(both) == POSES_OFFERED
     assert {t.physics.gravity for t in both} == set(ways)
     kinematic = spin(physics=Physics(gravity="auto"), options=Options(hold="kinematic"))
     assert len(starts(kinematic, clearance)) == 1, "gravity does not matter"
@@ -69,7 +69,7 @@ def test_an_object_far_from_its_origin_is_placed_by_its_middle(auto):
         moved = np.array(a.start.xyz_mm) - R[:, 2] * 200
         same = np.allclose(b.start.rpy_deg, a.start.rpy_deg, atol=1e-3)
         alike += same and np.allclose(b.start.xyz_mm, moved, atol=4)  # a degree, rounded
-    assert alike > RATED / 2, "poses are rounded, so that not all rank alike"
+    assert alike > POSES_OFFERED / 2, "poses are rounded, so that not all rank alike"
 
 
 def shifted(X_OG: np.ndarray) -> np.ndarray:

@@ -5,8 +5,16 @@ import itertools
 import numpy as np
 import pytest
 
-from drake_hand.planning.collision import CLEARANCE
-from drake_hand.planning.transit import KNOTS, MOVING, Surroundings, detour, lift_off, straight_path, travel
+from drake_hand.planning.collision import CLEARANCE_M
+from drake_hand.planning.transit import (
+    LIFT_KNOTS,
+    MOVING_CLEARANCE_M,
+    Surroundings,
+    detour,
+    lift_off,
+    straight_path,
+    travel,
+)
 from tests.planning.small import clearance, contact, path, table, turn
 
 HEIGHT = 15e-3
@@ -32,7 +40,7 @@ def test_a_lift_goes_straight_up_the_normal(pencil):
     assert able.any()
     for way, h in zip(ways[able], np.array(holds, dtype=object)[able], strict=True):
         p_WC = pencil.clearance.kinematics[0].fk(way)[0]
-        up = np.linspace(0.0, HEIGHT, KNOTS)[:, None] * h.n_W[0]
+        up = np.linspace(0.0, HEIGHT, LIFT_KNOTS)[:, None] * h.n_W[0]
         np.testing.assert_allclose(p_WC - p_WC[0], up, atol=3e-5)
         np.testing.assert_array_equal(way[0], h.q[0])
 
@@ -44,8 +52,8 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
     for other, fine in ((apart, True), (beside, False)):
         s = around(pencil, (1, other.q[0]))
         ways, able = lift_off(s, 0, mine.q[:1], mine.n_W[:1], HEIGHT)
-        assert s.clear(0, ways[0, -1:], tip=True)[0] >= CLEARANCE, "its end is clear in any case"
-        assert (s.clear(0, ways[0], tip=False).min() >= MOVING) == fine
+        assert s.clear(0, ways[0, -1:], tip=True)[0] >= CLEARANCE_M, "its end is clear in any case"
+        assert (s.clear(0, ways[0], tip=False).min() >= MOVING_CLEARANCE_M) == fine
         assert able[0] == fine
 
 
@@ -56,8 +64,8 @@ def test_every_lift_promised_is_clear_all_along_and_at_its_end(pencil):
     ways, able = lift_off(s, 0, q, n_W, HEIGHT)
     assert 0 < able.sum() < len(mine)
     for way in ways[able]:
-        assert s.clear(0, way, tip=False).min() >= MOVING
-        assert s.clear(0, way[-1:], tip=True)[0] >= CLEARANCE
+        assert s.clear(0, way, tip=False).min() >= MOVING_CLEARANCE_M
+        assert s.clear(0, way[-1:], tip=True)[0] >= CLEARANCE_M
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +74,7 @@ def across():
     c = clearance("quartet", "pencil_r8")
     s = Surroundings(clearance=c, X_WO=path("quartet", turn(2.5)).X_WO[0])
     kin, grid = c.kinematics[0], c.postures(0)
-    clear = s.beside_palm(0, grid.centres, tip=True) >= CLEARANCE
+    clear = s.beside_palm(0, grid.centres, tip=True) >= CLEARANCE_M
     q = grid.q[clear]
     p_WC = kin.fk(q)[0]
     above, below = (int(np.argmax(sign * p_WC[:, 0] - 3 * np.abs(p_WC[:, 1]))) for sign in (1.0, -1.0))
@@ -75,7 +83,7 @@ def across():
 
 def test_the_straight_way_through_the_object_is_none(across):
     s, a, b = across
-    assert s.clear(0, np.stack([a, b]), tip=True).min() >= CLEARANCE
+    assert s.clear(0, np.stack([a, b]), tip=True).min() >= CLEARANCE_M
     assert straight_path(s, 0, a, b) is None
     near = a + 0.01
     way = straight_path(s, 0, a, near)

@@ -17,7 +17,7 @@ from drake_hand.physics.run import Errors
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.observe import observe
 from drake_hand.view import figures, paper_figures
-from drake_hand.view.colors import SUBMODEL, finger_color
+from drake_hand.view.colors import SUBMODEL_COLORS, finger_color
 from drake_hand.view.course import Course
 from drake_hand.view.replay_figures import draw_replay_errors
 from drake_hand.view.sketch import Sketch, write_gif
@@ -76,7 +76,7 @@ def test_timeline_has_a_bar_per_finger_and_part(sample_plan):
     ax = figures.draw_modes(sample_plan).axes[0]
     assert len(ax.patches) == 25
     bar = next(b for b in ax.patches if b.get_x() == 4.0 and b.get_y() < 3 < b.get_y() + b.get_height())
-    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL["2"]
+    assert matplotlib.colors.to_hex(bar.get_facecolor()) == SUBMODEL_COLORS["2"]
 
 
 def test_contact_gap_is_the_distance_of_tip_and_point(sample_plan, course):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drake_hand import api
 from drake_hand.view import stage
 from drake_hand.view.keyframes import hold, needed, row_changes
-from drake_hand.view.stage import FRAME_RATE, FRAMES, frame_times, tubes, upright
+from drake_hand.view.stage import MOST_FRAMES, MOST_FRAMES_PER_S, frame_times, tubes, upright
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda g: np.linalg.norm(g) > 1e-3)
 
@@ -32,7 +32,7 @@ def test_frames_cover_the_plan_and_are_not_too_many(duration):
     t = frame_times(duration)
     assert t[0] == 0
     assert t[-1] == duration
-    assert len(t) <= min(FRAMES, np.ceil(duration * FRAME_RATE)) + 1
+    assert len(t) <= min(MOST_FRAMES, np.ceil(duration * MOST_FRAMES_PER_S)) + 1
 
 
 @settings(deadline=None)

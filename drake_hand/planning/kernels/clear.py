@@ -11,7 +11,7 @@ from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
-SUNK = 2e-5
+SUNK_M = 2e-5
 """How deep poses of an object that lies on the table may be in it, m: a fifth of what the certificate allows."""
 
 
@@ -127,7 +127,7 @@ def apart(w, i, j, s, least):
 @njit()
 def _on_table(t, X):
     """Whether the object at X (3, 4) is on or above the table: as `Table.gap`."""
-    level = X[0, 3] * t.up[0] + X[1, 3] * t.up[1] + X[2, 3] * t.up[2] - t.height + SUNK
+    level = X[0, 3] * t.up[0] + X[1, 3] * t.up[1] + X[2, 3] * t.up[2] - t.height + SUNK_M
     x = X[0, 0] * t.up[0] + X[1, 0] * t.up[1] + X[2, 0] * t.up[2]
     y = X[0, 1] * t.up[0] + X[1, 1] * t.up[1] + X[2, 1] * t.up[2]
     z = X[0, 2] * t.up[0] + X[1, 2] * t.up[1] + X[2, 2] * t.up[2]

@@ -13,7 +13,7 @@ from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 from drake_hand.plans.tolerances import TWIST_RAD
 
-COUNTS = 0.3
+COUNTED_MARGIN_N = 0.3
 """Margin up to which more is better, N."""
 
 
@@ -108,9 +108,9 @@ def held(w, load, mask, X, s, enough):
 def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
     """Writes margins (N, n + 1) of sets of contacts: without each finger, and in the last column with all.
 
-    The last is told up to `COUNTS`; of the others, whether they are negative and how much then. Fingers that do not
-    touch, and all where even all together do not hold, have that of all. Contact points in O and outward normals in W
-    (N, n, 3) are written too.
+    The last is exact up to `COUNTED_MARGIN_N`; of the others, whether they are negative and how much then. Fingers that
+    do not touch, and all where even all together do not hold, have that of all. Contact points in O and outward normals
+    in W (N, n, 3) are written too.
     """
     s = scratch(w)
     n = q0.shape[1]
@@ -122,7 +122,7 @@ def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
                 at = contact_at(w, f, q0[i, f], X[i], s)
                 for k in range(3):
                     p_OP[i, f, k], n_W[i, f, k] = at[3 + k], at[6 + k]
-        margins[i, n] = held(w, load, mask, X[i], s, COUNTS)
+        margins[i, n] = held(w, load, mask, X[i], s, COUNTED_MARGIN_N)
         for f in range(n):
             margins[i, f] = margins[i, n]
             if touching[i, f] and margins[i, n] >= 0.0:

@@ -9,7 +9,7 @@ from drake_hand.compiled import njit
 from drake_hand.contact.kernels.rolling import jacobian, tip, touch
 from drake_hand.planning.kernels.clear import apart, into, off_object, off_palm, place
 from drake_hand.planning.kernels.stroke import roll_on, roll_step
-from drake_hand.planning.kernels.transit import KNOTS, lift
+from drake_hand.planning.kernels.transit import LIFT_KNOTS, lift
 from drake_hand.planning.kernels.world import END, FINGERS, LANDING, OBJECT, PALM, WORLD, scratch
 
 
@@ -66,7 +66,7 @@ def held_along(w, f, waiting, waits, X, q0, n0, height, q, p_WP, n_W, J_WP, leng
     """
     s = scratch(w)
     twist, pose, mid, fixed = np.zeros(6), np.zeros((2, 3, 4)), np.zeros((3, 4)), np.zeros(3)
-    way = np.zeros((KNOTS, q0.shape[1]))
+    way = np.zeros((LIFT_KNOTS, q0.shape[1]))
     for j in range(len(waits)):
         if waits[j]:
             place(w, j, waiting[j], s)

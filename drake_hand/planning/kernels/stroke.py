@@ -15,9 +15,9 @@ from drake_hand.planning.kernels.hold import contact_at, held, twists
 from drake_hand.planning.kernels.pose import log, turned
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END, LIMIT, LOAD, SINGULAR, WORLD, scratch
 
-SLIP = 2e-6
+SINGULAR_SLIP_M = 2e-6
 """What a finger may slip, or lose contact, from one pose to the next before it counts as singular, m."""
-STEP = 0.15
+MOST_STEP_RAD = 0.15
 """Joint step from one pose to the next beyond which it does, rad ..."""
 MOST_STEP_CHANGE_RAD = 0.02
 """... and how much the step may change within one."""
@@ -71,7 +71,7 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
         if s.half[j] < c.lower[f, j] or s.half[j] > c.upper[f, j]:
             return LIMIT
     missed += math.sqrt(ex * ex + ey * ey + ez * ez)
-    if bend > MOST_STEP_CHANGE_RAD or most > STEP or missed > SLIP:
+    if bend > MOST_STEP_CHANGE_RAD or most > MOST_STEP_RAD or missed > SINGULAR_SLIP_M:
         return SINGULAR
     if math.sqrt(x * x + y * y + z * z) > MOST_DRIFT_M or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
         return EDGE
@@ -207,7 +207,7 @@ def ahead(w, finger, q0, X, steps, length):
             fits = True
             for j in range(m):
                 q[j] += s.rate[j]
-                fits &= c.lower[f, j] <= q[j] <= c.upper[f, j] and abs(s.rate[j]) < 3 * STEP
+                fits &= c.lower[f, j] <= q[j] <= c.upper[f, j] and abs(s.rate[j]) < 3 * MOST_STEP_RAD
             if not fits:
                 break
             at = touch(c, w.object, f, q, B, s.p, s.R)

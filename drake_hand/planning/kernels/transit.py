@@ -12,9 +12,9 @@ from drake_hand.contact.kernels.rolling import frames, jacobian, least_squares, 
 from drake_hand.planning.kernels.clear import clear_alone, place
 from drake_hand.planning.kernels.world import SEEDS, WORLD, scratch
 
-LIFT_JUMP = math.radians(20.0)
+LIFT_JUMP_RAD = math.radians(20.0)
 """Joint step beyond which a lift is no longer one path."""
-KNOTS = 9
+LIFT_KNOTS = 9
 """Of a lift or a landing."""
 
 
@@ -108,7 +108,7 @@ def contacts(w, f, seeds, points, normals, X, q, p_W, n_W, able):
 
 @njit()
 def lift(w, f, q, n, height, X, way, s):
-    """Writes the path (KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
+    """Writes the path (LIFT_KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
 
     Returns:
         Whether it is one way and clear; the others have to be placed. Its end is clear of the object, tip and all.
@@ -126,7 +126,7 @@ def lift(w, f, q, n, height, X, way, s):
         if reach_for(c, f, x + h * n[0], y + h * n[1], z + h * n[2], way[k], 1e-6, 12, s) > 2e-5:
             return False
         for j in range(m):
-            if abs(way[k, j] - way[k - 1, j]) > LIFT_JUMP:
+            if abs(way[k, j] - way[k - 1, j]) > LIFT_JUMP_RAD:
                 return False
     for k in range(last, -1, -1):
         if not clear_alone(w, f, way[k], k < last, X, s, w.clearance if k == last else w.clearance / 2):
@@ -154,7 +154,7 @@ def straight(w, f, a, b, X, step, q, s):
 
 @njit()
 def _departures(w, f, X, others, old, touches, n_old, heights, up, able, s):
-    """Places the other fingers and writes the paths (H, KNOTS, m) off the present contact, and which are clear (H,)."""
+    """Places other fingers, and writes paths (H, LIFT_KNOTS, m) off the present contact, and which (H,) are clear."""
     for j in range(len(others)):
         if j != f:
             place(w, j, others[j], s)
@@ -163,7 +163,7 @@ def _departures(w, f, X, others, old, touches, n_old, heights, up, able, s):
             able[h] = lift(w, f, old, n_old, heights[h], X, up[h], s)
         else:
             able[h] = h == 0
-            up[h, KNOTS - 1] = old
+            up[h, LIFT_KNOTS - 1] = old
 
 
 @njit()
@@ -173,7 +173,7 @@ def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
         reached[v] = -1
         if clear_alone(w, f, stops[v], False, X, s, w.clearance):
             for h in range(len(able)):
-                if able[h] and straight(w, f, up[h, KNOTS - 1], stops[v], X, step, q, s):
+                if able[h] and straight(w, f, up[h, LIFT_KNOTS - 1], stops[v], X, step, q, s):
                     reached[v] = h
                     break
 
@@ -215,7 +215,7 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
     """
     s = scratch(w)
     H, m = len(heights), others.shape[1]
-    up, down, q = np.zeros((H, KNOTS, m)), np.zeros((KNOTS, m)), np.zeros(m)
+    up, down, q = np.zeros((H, LIFT_KNOTS, m)), np.zeros((LIFT_KNOTS, m)), np.zeros(m)
     able, reached = np.zeros(H, np.bool_), np.full(len(stops), -2)
     _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
     asked = False
@@ -225,7 +225,7 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
             if not lift(w, f, new[i], n_new[i], heights[h], X, down, s):
                 continue
             for g in range(H):
-                if able[g] and straight(w, f, up[g, KNOTS - 1], down[KNOTS - 1], X, step, q, s):
+                if able[g] and straight(w, f, up[g, LIFT_KNOTS - 1], down[LIFT_KNOTS - 1], X, step, q, s):
                     found[i, 0], found[i, 1], found[i, 2] = g, h, 0
                     break
             if found[i, 0] < 0 and not asked:
@@ -233,7 +233,7 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
                 asked = True
             for v in range(len(stops)):
                 near = found[i, 0] < 0 and reached[v] >= 0
-                if near and straight(w, f, stops[v], down[KNOTS - 1], X, step, q, s):
+                if near and straight(w, f, stops[v], down[LIFT_KNOTS - 1], X, step, q, s):
                     found[i, 0], found[i, 1], found[i, 2] = reached[v], h, v + 1
             if found[i, 0] >= 0:
                 break
@@ -261,14 +261,14 @@ def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
     """
     s = scratch(w)
     H, m = len(heights), others.shape[1]
-    up, able = np.zeros((H, KNOTS, m)), np.zeros(H, np.bool_)
+    up, able = np.zeros((H, LIFT_KNOTS, m)), np.zeros(H, np.bool_)
     _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
     _to_stops(w, f, X, up, able, stops, step, found, np.zeros(m), s)
 
 
 @njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, ::1]))
 def lift_way(w, f, X, others, q, n, height, way):
-    """Writes the path (KNOTS, m) of a lift; see `lift`. What is in the way is not reported."""
+    """Writes the path (LIFT_KNOTS, m) of a lift; see `lift`. What is in the way is not reported."""
     s = scratch(w)
     for j in range(len(others)):
         if j != f:
