@@ -68,7 +68,5 @@ def twisted(tip: np.ndarray, object_: np.ndarray, inward: np.ndarray, touching: 
     stays &= moves[:, None]
     out = np.zeros(touching.shape)
     for j, step in enumerate(spin):
-        begins = j == 0 or not moves[j - 1]
-        before = np.zeros(len(step)) if begins else out[j]
-        out[j + 1] = np.where(stays[j], np.clip(before + step, -1.0, 1.0), 0.0)
+        out[j + 1] = np.where(stays[j], np.clip(out[j] + step, -1.0, 1.0), 0.0)
     return out
