@@ -43,7 +43,7 @@ def add_forces(
 ) -> list[Leg]:
     """Adds forces and joint offsets to legs.
 
-    The offsets bring about the forces, make up for what the tips yield and roll short, and hold up the fingers' weight.
+    The offsets produce the forces, make up for what the tips yield and roll short, and hold up the fingers' weight.
 
     Args:
         legs: end to end; before the first contact and in the dwell after it a fixture holds the object.

@@ -45,7 +45,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
     - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's
       weight (torque: that weight at 10 mm).
-    - ``command_force_n``: difference of the contact forces that the commanded offsets bring about from those stated;
+    - ``command_force_n``: difference of the contact forces that the commanded offsets produce from those stated;
       per newton where a contact bears more than one.
     - ``corridor_mm``, ``corridor_deg``: how far the object is beside the nominal path of the step it is carried along.
     - ``goal_position_mm``, ``goal_rotation_deg``: off the start pose or a step's goal, winding counted.

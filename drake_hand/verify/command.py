@@ -1,4 +1,4 @@
-"""Whether the commanded joint offsets bring about the contact forces that a plan states."""
+"""Whether the commanded joint offsets produce the contact forces that a plan states."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _LIGHT = 0.02
 
 
 def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> None:
-    """Judges, finger by finger, the forces that the commands bring about against those stated.
+    """Judges, finger by finger, the forces that the commands produce against those stated.
 
-    A servo of stiffness K that is told q + o turns with torque K o about q. Some of it holds up the links, some presses
+    A servo of stiffness K commanded to q + o turns with torque K o about q. Some of it holds up the links, some presses
     the pad in, some moves the tip along where the pressed tip, on its smaller radius, has rolled less far than the
     plan's; what is left presses the object, which stays where it is. With J of the tip at the contact,
     x = J (o - (J' f - weight) / K) is how far the commands move the tip beyond what the stated forces f take, d how far
