@@ -17,6 +17,8 @@ from drake_hand.view.page import Page, Stop, add_panel, certificate_facts
 from drake_hand.view.stage import Stage, frame_times
 
 FIRST_PORT = 7000
+INSTANT_S = 1e-4
+"""Too short to be seen in the times that a page shows."""
 
 
 def render(plan: Plan, scene: Scene, failure: NoPlanFound | None = None) -> Page:
@@ -51,8 +53,13 @@ def render(plan: Plan, scene: Scene, failure: NoPlanFound | None = None) -> Page
 def _stuck(plan: Plan) -> float:
     """When a plan, all of which was found, fails its certificate; else its end."""
     worst = plan.certificate.worst if plan.certificate else {}
-    failing = [w.time_s for name, w in worst.items() if not w.ok and w.time_s is not None]
+    failing = [_shown_at(plan, w.time_s, w.part) for w in worst.values() if not w.ok and w.time_s is not None]
     return min(failing, default=plan.duration)
+
+
+def _shown_at(plan: Plan, time_s: float, part: int | None) -> float:
+    """When the page is in a part: just before its end where that is the time, at which the next one begins there."""
+    return time_s if part is None else min(time_s, plan.parts[part].t[-1] - INSTANT_S)
 
 
 def _just_above(course: Course) -> np.ndarray:

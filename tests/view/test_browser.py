@@ -1,18 +1,23 @@
 """Pages as Chromium shows them: hand and object there, keys and clicks answered, sizes from phone to projector."""
 
 import math
+import re
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from drake_hand import api
+from drake_hand.cli.verdict import print_plan
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.mirror import HandPose
 from drake_hand.epos.mirror_view import open_view
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.physics.replay import replay
+from drake_hand.plans.plan import Certificate
 from drake_hand.plans.task import Task
+from drake_hand.verify.findings import Findings
 from drake_hand.view.page import Page
 from drake_hand.view.replay import render_replay
 from tests.verify.held import held_plan
@@ -219,6 +224,22 @@ def test_a_motion_that_got_stuck_opens_where_it_did_and_says_why(browser, sample
         assert "index blocks" in tab.locator("#dh-labels div").all_inner_texts()
         assert text(tab, "#dh-more summary") == f"no plan (timeout): {reason}"
         assert text(tab, "#dh-detail").startswith("index, ")
+
+
+def test_a_part_has_one_number_in_sentence_table_and_page(browser, sample_plan, folder, capsys):
+    findings = Findings()
+    findings.add("slip_mm", np.array([2.0]), np.array([sample_plan.parts[1].t[-1]]), np.array([1]), ["index"])
+    assert "at 2.000 s in part 1 (index)" in findings.failures[0]
+    found = Certificate(certified=False, samples=1, worst=findings.worst, failures=findings.failures, plan_hash="")
+    failed = msgspec.structs.replace(sample_plan, certificate=found)
+    print_plan(failed, regrasps=0, everything=True)
+    assert re.search(r"^\W*1\W+00111\W+1\.00\W+2\.00\W", capsys.readouterr().out, re.MULTILINE)
+    error = NoPlanFound("it slips", evidence=Evidence(constraint="certificate"))
+    with opened(browser, saved(api.show(failed, failure=error), folder / "failed.html")) as tab:
+        tab.wait_for_function(READY)
+        tab.wait_for_function("document.querySelector('#dh-time').textContent === '2.00 s'")
+        assert text(tab, "#dh-event").startswith("part 1 of 0 \u2026 4: make ")
+        assert "".join(tab.locator("#dh-mode b").all_inner_texts()) == "00111"
 
 
 def test_a_hand_shows_itself_in_a_cell(browser, hand, folder):
