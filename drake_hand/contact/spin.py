@@ -16,7 +16,7 @@ from drake_hand.plans.tolerances import TWIST_RAD
 
 PRESS_N = 1.0
 """Normal force for which the patch is worked out; its radius goes by the fourth root."""
-LEFT = 0.9
+SPARE_FRICTION_SHARE = 0.9
 """Of the friction of a contact that uses 0.4 of it to hold."""
 _STILL_RAD = 1e-9
 
@@ -31,7 +31,7 @@ def spin_arm(
     """Torque of a contact that rubs, over its normal force.
 
     A pad pressed in by d on a tip of radius R touches out to a = sqrt(2 R d) on a flat surface, with a pressure that
-    falls as 1 - (r / a)^2: friction then acts at 8 a / 15 in the mean. Only what is `LEFT` of it is free to do so.
+    falls as 1 - (r / a)^2: friction then acts at 8 a / 15 in the mean. `SPARE_FRICTION_SHARE` of it is free to do so.
 
     Args:
         pad: the fingertip's material.
@@ -44,7 +44,7 @@ def spin_arm(
         (...) m.
     """
     a = np.sqrt(2 * radius * pad_compression(pad, press, curvature) / np.sqrt(curvature))
-    return LEFT * friction * 8 / 15 * a
+    return SPARE_FRICTION_SHARE * friction * 8 / 15 * a
 
 
 def twisted(tip: np.ndarray, object_: np.ndarray, inward: np.ndarray, touching: np.ndarray) -> np.ndarray:

@@ -197,10 +197,8 @@ class Search:
         for f in self.wanted or ():
             urge[f] -= 0.0 if state.touching[f] else 1.0
         able = (state.margins[:-1] >= 0) | ~state.touching
-        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])][
-            :FINGERS_SWITCHED
-        ]
-        for f in fingers:
+        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])]
+        for f in fingers[:FINGERS_SWITCHED]:
             children += draw_switches(self.moves, state, f)
         unwanted = [] if self.wanted is None else [f for f in np.flatnonzero(state.touching) if f not in self.wanted]
         if unwanted:

@@ -217,8 +217,9 @@ def _line(name: str, w: Worst) -> Line:
         share = w.value
     elif not kind.least and w.limit > 0:
         share = 1 - w.value / w.limit
-    told = {"field": name, "words": kind.words, "value": value, "limit": limit, "where": where}
-    return Line(**told, share=share, ok=w.ok, reached=reached)
+    return Line(
+        field=name, words=kind.words, value=value, limit=limit, share=share, where=where, ok=w.ok, reached=reached
+    )
 
 
 def _told(line: Line, of: str = "") -> str:

@@ -14,7 +14,7 @@ _LEAST_FORCE = 1e-3
 """N; a contact pressed less than this has no friction to judge."""
 _SLIDING = 1e-4
 """m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
-TORSION_KNOWN = (0.5, 1.25)
+TORSION_BOUNDS = (0.5, 1.25)
 """Bounds of the torsion of a twisted pad, over what is worked out."""
 _SWEEPS = 60
 _SETTLED = 1e-3
@@ -76,7 +76,7 @@ def unbalanced(
     acceleration. Every contact may add a torsional moment about its normal, as far as the ellipse of friction force
     and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5); moments are chosen to balance best, by
     coordinate descent. Where a tip turns over the object its pad is twisted and drags the object round: that moment
-    is there, whether it helps or not, and known within `TORSION_KNOWN`. The friction of a finger that slides is mu f_n
+    is there, whether it helps or not, and known within `TORSION_BOUNDS`. The friction of a finger that slides is mu f_n
     against its motion, whatever the plan says.
 
     Args:
@@ -112,8 +112,8 @@ def unbalanced(
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     left = np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
     helps, drags = body.torsion_radius * left, np.abs(torsion.twist) * torsion.lever * left
-    most = TORSION_KNOWN[1] * drags + (1 - np.abs(torsion.twist)) * helps
-    least = TORSION_KNOWN[0] * drags - (1 - np.abs(torsion.twist)) * helps
+    most = TORSION_BOUNDS[1] * drags + (1 - np.abs(torsion.twist)) * helps
+    least = TORSION_BOUNDS[0] * drags - (1 - np.abs(torsion.twist)) * helps
     rests = ~torsion.moving[:, None]
     most, least = np.where(rests, np.maximum(most, helps), most), np.where(rests, -helps, least)
     onward = torsion.twist >= 0

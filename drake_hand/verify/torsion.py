@@ -25,11 +25,11 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
     assert scene.object is not None
     s, solid, E = seen.states, PackedObject.of(scene.object), scene.hand.pad.hydroelastic_modulus_pa
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], np.nan_to_num(seen.n_O))
-    tip, thing = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
-    spin = np.sum((tip - thing) * (n_W[1:] + n_W[:-1]) / 2, axis=-1) / TWIST_RAD
+    tip, object_ = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
+    spin = np.sum((tip - object_) * (n_W[1:] + n_W[:-1]) / 2, axis=-1) / TWIST_RAD
     touching = seen.digits != FREE
     holding = np.linalg.norm(tip, axis=-1) * (touching[1:] & touching[:-1])
-    moves = holding.max(axis=1) + np.linalg.norm(thing[:, 0], axis=-1) > _STILL_RAD
+    moves = holding.max(axis=1) + np.linalg.norm(object_[:, 0], axis=-1) > _STILL_RAD
     lever = np.zeros(seen.gap.shape)
     for i, finger in enumerate(scene.hand.fingers):
         rows = np.flatnonzero(touching[:, i])

@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from drake_hand.contact.compliance import turns
-from drake_hand.contact.spin import LEFT, spin_arm, twisted
+from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm, twisted
 from drake_hand.model.hand import Hand
 from drake_hand.plans.tolerances import TWIST_RAD
 
@@ -59,7 +59,7 @@ def drakes_contact(depth, rate):
 @pytest.mark.parametrize("depth", [1.5e-4, 2.5e-4, 4e-4])
 def test_a_pad_that_rubs_has_the_torque_of_drakes(depth):
     press, moment = drakes_contact(depth, 1.0)
-    arm = spin_arm(PAD, R, FRICTION, press) / LEFT
+    arm = spin_arm(PAD, R, FRICTION, press) / SPARE_FRICTION_SHARE
     assert moment / press == pytest.approx(arm, rel=0.05)
     assert drakes_contact(depth, 0.0)[1] < 0.01 * moment
 
@@ -72,7 +72,7 @@ def test_on_a_rod_a_pad_touches_less():
     r, phi = np.meshgrid((np.arange(400) + 0.5) / 400, np.linspace(0, 2 * np.pi, 400, endpoint=False), indexing="ij")
     weight = (1 - r**2) * r
     lever = np.sum(np.hypot(a * r * np.cos(phi), b * r * np.sin(phi)) * weight) / weight.sum()
-    assert spin_arm(PAD, R, 1.0, press, bend) / LEFT == pytest.approx(lever, rel=0.03)
+    assert spin_arm(PAD, R, 1.0, press, bend) / SPARE_FRICTION_SHARE == pytest.approx(lever, rel=0.03)
 
 
 def followed(tip_rad, object_rad, moves=None):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.spin import LEFT, spin_arm
+from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -71,5 +71,5 @@ def test_the_patch_is_that_of_the_planner(seen, scene):
             assert lever[i] == 0
             continue
         press = -s.f_W[-1, i] @ s.X_WO[-1, :3, :3] @ seen.n_O[-1, i]
-        arm = spin_arm(pad, finger.radius, 1.0, press, 1 + finger.radius / 0.008) / LEFT
+        arm = spin_arm(pad, finger.radius, 1.0, press, 1 + finger.radius / 0.008) / SPARE_FRICTION_SHARE
         assert lever[i] == pytest.approx(arm, rel=1e-3)
