@@ -73,6 +73,8 @@ def _key(sets: ContactSets, problem: ForceProblem) -> bytes:
         np.broadcast_to(problem.friction, on.shape)[on],
         problem.effort[:, on],
         problem.drag_W[on] if problem.drag_W is not None else (),
+        problem.spin[on] if problem.spin is not None else (),
+        np.broadcast_to(problem.spin_arm, on.shape)[on],
         problem.fixture if problem.fixture is not None else (),
         (sets.p_WP - sets.p_WCom[:, None])[on],
         sets.n_W[on],

@@ -66,6 +66,18 @@ def test_windows_that_differ_are_not_taken_for_alike() -> None:
     assert np.abs(f[:200] - usual[:200]).max() == 0
 
 
+def test_a_pad_that_is_twisted_once_makes_a_difference() -> None:
+    """The same contacts with a pad twisted in one place: its torque is borne there, and elsewhere forces are as before."""
+    sets, problem, starts = path(40)
+    spin = np.zeros(problem.load.shape)
+    spin[300, 0] = 1.0
+    spinning = replace(problem, spin=spin, spin_arm=4e-3)
+    f, usual = (force_windows.forces_along(sets, some, starts) for some in (spinning, problem))
+    torque = np.cross(sets.p_WP[300], f[300]).sum(axis=0)
+    assert torque @ sets.n_W[300, 0] > 1e-4
+    assert np.abs(f[:200] - usual[:200]).max() == 0
+
+
 def test_no_balance_is_said() -> None:
     """As by one program."""
     with pytest.raises(Unbalanced):
