@@ -17,7 +17,7 @@ from drake_hand.plans.tolerances import TWIST_RAD
 PRESS_N = 1.0
 """Normal force for which the patch is worked out; its radius goes by the fourth root."""
 SPARE_FRICTION_SHARE = 0.9
-"""Of the friction of a contact that uses 0.4 of it to hold."""
+"""Of the friction of a contact that uses 0.44 of it to hold, what is free to rub."""
 _STILL_RAD = 1e-9
 
 
@@ -27,11 +27,12 @@ def spin_arm(
     friction: float,
     press: np.ndarray | float = PRESS_N,
     curvature: np.ndarray | float = 1.0,
+    spare: np.ndarray | float = SPARE_FRICTION_SHARE,
 ) -> np.ndarray:
     """Torque of a contact that rubs, over its normal force.
 
     A pad pressed in by d on a tip of radius R touches out to a = sqrt(2 R d) on a flat surface, with a pressure that
-    falls as 1 - (r / a)^2: friction then acts at 8 a / 15 in the mean. `SPARE_FRICTION_SHARE` of it is free to do so.
+    falls as 1 - (r / a)^2: friction then acts at 8 a / 15 in the mean, as far as it does not hold the object.
 
     Args:
         pad: the fingertip's material.
@@ -39,12 +40,13 @@ def spin_arm(
         friction: coefficient while it rubs.
         press: (...) normal force, N.
         curvature: (...) that of `pad_compression`.
+        spare: (...) share of the friction that is free to rub.
 
     Returns:
         (...) m.
     """
     a = np.sqrt(2 * radius * pad_compression(pad, press, curvature) / np.sqrt(curvature))
-    return SPARE_FRICTION_SHARE * friction * 8 / 15 * a
+    return spare * friction * 8 / 15 * a
 
 
 def twisted(tip: np.ndarray, object_: np.ndarray, inward: np.ndarray, touching: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, turns
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.forces import ForceProblem, Unbalanced, balance_forces
-from drake_hand.contact.spin import spin_arm, twisted
+from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm, twisted
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
@@ -34,6 +34,9 @@ SERVO_ROOM_RAD = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATION_LOSS_M = 0.6e-4
 """Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
+TORSION_PASSES, TORSION_KNOWN = 3, (0.6, 1.15)
+"""How often forces are worked out again with the torsion that the last ones make, at most, and how far it may be from
+what they were worked out with: the patch depends on the force, and how much rubs on what friction is left."""
 WEIGHTLESS_SHARE = 0.05
 """Gravity over that on earth below which an object floats."""
 
@@ -108,13 +111,7 @@ def add_forces(
         effort=_room(hand, q + weight, holding.effort),
         drag_W=holding.sliding_friction * light.slip_W,
         spin=twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching),
-        spin_arm=np.stack(
-            [
-                spin_arm(hand.pad, finger.radius, holding.sliding_friction, wanted[:, i], bend[:, i])
-                for i, finger in enumerate(hand.fingers)
-            ],
-            axis=1,
-        ),
+        spin_arm=_arms(hand, holding, wanted, bend, SPARE_FRICTION_SHARE),
         fixture=held,
     )
 
@@ -125,6 +122,12 @@ def add_forces(
         return add_forces(more, scene, gravity_W, holding, on_table)
     try:
         f_W = forces_along(contacts, problem, starts)
+        for _ in range(TORSION_PASSES):
+            again = _as_pressed(problem, hand, holding, f_W, normal, bend, lost)
+            if again is None:
+                break
+            problem = again
+            f_W = forces_along(contacts, problem, starts)
     except Unbalanced as e:
         raise _blamed(e, contacts, problem, legs, starts, X) from e
     more = finer(legs, starts, p, f_W, lost)
@@ -152,6 +155,37 @@ def add_forces(
         of_finger = {name: f_W[a:b, names.index(name)] for name in leg.p_OP}
         out.append(replace(leg, f_W=of_finger, q_offset=offset[a:b]))
     return out
+
+
+def _arms(
+    hand: Hand, holding: Equilibrium, press: np.ndarray, bend: np.ndarray, spare: np.ndarray | float
+) -> np.ndarray:
+    """(n, k) torque of contacts that rub over their normal force, m."""
+    spare = np.broadcast_to(spare, press.shape)
+    some = enumerate(hand.fingers)
+    arms = [
+        spin_arm(hand.pad, f.radius, holding.sliding_friction, press[:, i], bend[:, i], spare[:, i]) for i, f in some
+    ]
+    return np.stack(arms, axis=1)
+
+
+def _as_pressed(
+    problem: ForceProblem,
+    hand: Hand,
+    holding: Equilibrium,
+    f_W: np.ndarray,
+    n_W: np.ndarray,
+    bend: np.ndarray,
+    torque: float,
+) -> ForceProblem | None:
+    """The problem with the torsion that these forces make, or None where no more than a torque [Nm] is off."""
+    assert problem.spin is not None
+    press = np.maximum(-np.sum(f_W * n_W, axis=-1), 0.0)
+    used = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1) / np.maximum(holding.sliding_friction * press, 1e-9)
+    arms = _arms(hand, holding, press, bend, np.sqrt(np.maximum(1.0 - used**2, 0.0)))
+    off = problem.spin_arm - np.clip(problem.spin_arm, TORSION_KNOWN[0] * arms, TORSION_KNOWN[1] * arms)
+    some = np.abs(problem.spin * off * press).max(initial=0.0) > torque
+    return replace(problem, spin_arm=arms) if some else None
 
 
 def _blamed(

@@ -76,16 +76,10 @@ class Moves:
             rooms[row, finger] = self.rooms(finger, q[row, finger], ways[row], steps[row])
         for x, room, margin, point, normal in zip(states, rooms, margins, p_OP, n_W, strict=True):
             x.room, x.margins, x.p_OP, x.n_W = room, margin, point, normal
-            liftable = (margin[:-1] >= 0) & x.touching
             on = room[x.touching]
-            stuck = int(((room < 0.25) & x.touching & ~liftable).sum())
+            stuck = int(((room < 0.25) & x.touching & ~x.liftable).sum())
             x.score = float(on.min(initial=1.0) + on.mean() if len(on) else 0.0)
-            x.score += (
-                0.3 * int(liftable.sum())
-                + min(float(margin[-1]), hold.COUNTED_MARGIN_N)
-                - 0.5 * stuck
-                - 0.03 * x.regrasps
-            )
+            x.score += 0.3 * x.spared + min(float(margin[-1]), hold.COUNTED_MARGIN_N) - 0.5 * stuck - 0.03 * x.regrasps
 
     def look(self, s: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is ahead of progress s (N,) with offsets (N, 6): paths (N, ROOM_STEPS + 1, 3, 4) and their steps (N,).

@@ -44,6 +44,8 @@ EASINGS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
 """How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
 FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
+SELDOM_LIFTABLE = 0.25
+"""A finger that can be lifted in a smaller share of the states in which it touches is switched first where it can."""
 RETREAT_CHANCE = 0.2
 """Chance that a finger is asked to wait elsewhere."""
 ALONE_SCORE = 2.0
@@ -66,26 +68,31 @@ class Search:
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
     farthest: Node | None = None
+    starts: dict[Node, None] = field(default_factory=dict)
+    """What it starts from and has led to no answer yet: roots, or a few moves from one."""
     _bins: dict[int, list[Node]] = field(default_factory=dict)
     _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
     _expanded: Counter[int] = field(default_factory=Counter)
-    _roots: dict[Node, None] = field(default_factory=dict)
     _able: dict[int, tuple[Node, bool]] = field(default_factory=dict)
+    _touched: np.ndarray | float = 0.0
+    _liftable: np.ndarray | float = 0.0
     _started: float = field(default_factory=time.monotonic)
 
+    def begin(self, states: list[Node]) -> None:
+        """Adds states to start from."""
+        self.starts.update(dict.fromkeys(states))
+        self._add(states)
+
     def restart(self) -> None:
-        """Begins again at the roots that have led to no answer yet, with other random draws."""
+        """Begins again where it led to no answer yet, with other random draws."""
         self._bins.clear()
         self._tried.clear()
         self._expanded.clear()
-        self.add(list(self._roots))
+        self._add(list(self.starts))
 
-    def add(self, states: list[Node]) -> None:
-        """Adds states: roots, or successors of others."""
+    def _add(self, states: list[Node]) -> None:
         self._look_beyond(states)
         for x in states:
-            if x.parent is None:
-                self._roots[x] = None
             x.progress = self._progress(x)
             if self.farthest is None or x.progress > self.farthest.progress + 1e-9:
                 self.farthest = x
@@ -134,7 +141,7 @@ class Search:
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
             children += self._repeated(children)
-            self.add(children)
+            self._add(children)
             self._tell()
             done = [x for x in children if x.progress >= goal - 1e-9 and self._founded(x)]
             if done:
@@ -143,8 +150,9 @@ class Search:
 
     def _answer(self, x: Node) -> Node:
         """Removes a state at the goal; another search begins with another grasp, where there is one."""
-        if len(self._roots) > 1 or x.parent is None:
-            self._roots.pop(x.chain[0], None)
+        others = {y: None for y in self.starts if y.chain[0] is not x.chain[0]}
+        if others or x in self.starts:
+            self.starts = others
         return self._take(x)
 
     def _take(self, x: Node) -> Node:
@@ -157,7 +165,7 @@ class Search:
 
     def _forget(self, root: Node) -> None:
         """Removes a root that the hand cannot get to, and all that follows from it."""
-        del self._roots[root]
+        self.starts = {y: None for y in self.starts if y.chain[0] is not root}
         kept = {b: [x for x in states if x.chain[0] is not root] for b, states in self._bins.items()}
         self._bins = {b: states for b, states in kept.items() if states}
         left = itertools.chain.from_iterable(self._bins.values())
@@ -170,8 +178,13 @@ class Search:
 
     @property
     def straight(self) -> bool:
-        """Whether the object gets all the way from a root without a switch."""
-        return any(x.s >= self.moves.path.ticks for x in onward(self.moves, list(self._roots)))
+        """Whether the object gets all the way from a start without a switch."""
+        return any(x.s >= self.moves.path.ticks for x in onward(self.moves, list(self.starts)))
+
+    @property
+    def ease(self) -> int:
+        """How many fingers its starts can spare, the best of them."""
+        return max((x.spared for x in self.starts), default=0)
 
     @property
     def fraction(self) -> float:
@@ -193,10 +206,14 @@ class Search:
         children = draw_strokes(self.moves, state)
         self.moves.evaluate(children)
         urge = np.where(state.touching, state.room, 0.5) + rng.uniform(0, 0.5, len(state.touching))
+        for x in children:
+            self._touched = self._touched + x.touching
+            self._liftable = self._liftable + x.liftable
+        urge -= state.liftable & (self._liftable < SELDOM_LIFTABLE * self._touched)
         urge[[f not in self.moves.fingers for f in range(len(urge))]] = np.inf
         for f in self.wanted or ():
             urge[f] -= 0.0 if state.touching[f] else 1.0
-        able = (state.margins[:-1] >= 0) | ~state.touching
+        able = state.liftable | ~state.touching
         fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])]
         for f in fingers[:FINGERS_SWITCHED]:
             children += draw_switches(self.moves, state, f)
@@ -215,8 +232,8 @@ class Search:
         return [x for x in ends if x is not None and self._founded(x)]
 
     def _first(self) -> list[Node]:
-        """Where the roots get to along the nominal path."""
-        reached = onward(self.moves, [x for states in self._bins.values() for x in states if x.parent is None])
+        """Where the starts get to along the nominal path."""
+        reached = onward(self.moves, list(self.starts))
         self.moves.evaluate(reached)
         return reached
 

@@ -6,15 +6,16 @@ are tried before expensive ones: a grasp that lasts for the whole motion, then a
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, gait, grasp, steps
+from drake_hand.planning.ease import at_ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder, follow
@@ -28,6 +29,7 @@ from drake_hand.planning.search import Search
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.turns import Attempt, in_turn
+from drake_hand.planning.world import at_once
 from drake_hand.plans.path import Path
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Grasp, Step, Task
@@ -61,35 +63,31 @@ def from_grasps(
         NoPlanFound: there is none, or no further one.
     """
     failures: list[NoPlanFound] = []
-    attempts: list[list[Attempt]] = []
+    free: list[Attempt] = []
     for k, task in enumerate(tasks):
         builder = begun.copy() if begun else problem.builder(task)
         try:
             with problem.stage("grasp"):
-                attempts.append(_attempts(problem, task, builder, wanted, moving, then))
+                free.append(_free(problem, task, builder, wanted, moving, then))
         except NoPlanFound as e:
             failures.append(e)
-        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(attempts) / START_POSES)))
-        if len(attempts) == START_POSES or time.monotonic() > problem.deadline:
+        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(free) / START_POSES)))
+        if len(free) == START_POSES or time.monotonic() > problem.deadline:
             break
-    attempts.sort(key=lambda some: -some[0].search.farthest.score)  # type: ignore[union-attr]
-    straight = any(x.search.straight for x, *_ in attempts[:FREE_SEARCHES])
-    for x, end in [] if straight else _gaits(problem, [x for x, *_ in attempts]):
+    free.sort(key=lambda x: -x.search.farthest.score)  # type: ignore[union-attr]
+    straight = any(x.search.straight for x in free[:FREE_SEARCHES])
+    for x, end in [] if straight else _gaits(problem, free):
         yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
-    both = list(itertools.chain(*attempts))
-    coming_back = [x for x in both if x.search.period is not None]
-    free = [x for x in both if x.search.period is None]
+    with problem.stage("grasp"):
+        both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
+    coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.search.ease)
     yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + free[:FREE_SEARCHES], failures)
 
 
-def _attempts(
+def _free(
     problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step], then: list[Grasp]
-) -> list[Attempt]:
-    """The searches that begin with a grasp; the builder's free fingers are sent where they wait.
-
-    One is free along the whole path. Where the path has a period, another looks for one to repeat: it pauses on the
-    nominal path after each, which is a burden where none is found.
-    """
+) -> Attempt:
+    """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
     path = problem.path(builder.X_WO, moving)
     grasp.check_palm(problem.scene, problem.clearance, path)
     named = _named(problem, wanted) or frozenset()
@@ -100,21 +98,25 @@ def _attempts(
     q = by_finger(problem.hand, builder.q)
     sets = tuple(some for g in then if (some := _named(problem, g)))
     roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power", then=sets)
+    search = Search(moves=moves, able=lambda x: _closed(problem, builder.copy(), x), progress=problem.progress)
+    search.begin(roots)
+    return Attempt(task=task, builder=builder, search=search)
+
+
+def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
+    """The search for a period to repeat, from grasps at ease where another one starts; None where there is no period.
+
+    It pauses on the nominal path after each period, which is a burden where none is found.
+    """
+    path = x.search.moves.path
     period = Period.of(path, problem.clearance.surface, problem.clearance.p_OCom)
-    out = [_search(problem, builder, moves, roots, None)]
-    if period is not None:
-        pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
-        rng = np.random.default_rng(task.options.seed)
-        out.append(_search(problem, builder, replace(moves, path=pausing, rng=rng), roots, period))
-    return [Attempt(task=task, builder=builder, search=search) for search in out]
-
-
-def _search(problem: Problem, builder: LegBuilder, moves: Moves, roots: list[Node], period: Period | None) -> Search:
-    search = Search(
-        moves=moves, period=period, able=lambda root: _closed(problem, builder.copy(), root), progress=problem.progress
-    )
-    search.add([replace(root) for root in roots])
-    return search
+    if period is None:
+        return None
+    pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
+    moves = replace(x.search.moves, path=pausing, rng=np.random.default_rng(x.task.options.seed))
+    search = Search(moves=moves, period=period, able=x.search.able, progress=problem.progress)
+    search.begin([replace(y) for y in at_ease(moves, list(x.search.starts), x.search.able)])
+    return Attempt(task=x.task, builder=x.builder, search=search)
 
 
 def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
@@ -152,7 +154,7 @@ def from_contacts(
         what = f"the fingers that touch do not hold the object (short of {-root.margins[-1]:.2g} N)"
         raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
     search = Search(moves=moves, wanted=named, progress=problem.progress)
-    search.add([root])
+    search.begin([root])
     patience = None if named is None else HAND_OVER_EXPANSIONS
     for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], patience):
         yield after

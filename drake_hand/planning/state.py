@@ -76,6 +76,16 @@ class Node:
     """Equal for states that are much alike."""
 
     @property
+    def liftable(self) -> np.ndarray:
+        """(n,) which of the fingers that touch can be lifted: the others hold the object."""
+        return (self.margins[:-1] >= 0) & self.touching
+
+    @property
+    def spared(self) -> int:
+        """How many of its fingers it can spare, one at a time."""
+        return int(self.liftable.sum())
+
+    @property
     def chain(self) -> list[Node]:
         """The states from the root to this one."""
         out, walk = [], self

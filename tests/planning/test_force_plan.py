@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from drake_hand.contact.forces import ForceProblem
+from drake_hand.contact.spin import SPARE_FRICTION_SHARE
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning.force_plan import add_forces
+from drake_hand.planning.force_plan import _arms, _as_pressed, add_forces
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import Surroundings, lift_off
@@ -126,3 +128,34 @@ def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
         across = np.array([n_W[n][row] for n in names])
         free = lost - np.linalg.pinv(across, rcond=0.3) @ across @ lost  # pads twist along their normals
         assert np.linalg.norm(free) < 2e-4 * mass * 9.81
+
+
+def test_torsion_is_that_of_the_forces_that_come_out():
+    """A pad pressed by a sixteenth touches on half the radius; what friction holds the object does not rub."""
+    scene_ = scene("quartet", "pencil_r8")
+    holding, k = equilibrium("quartet", "pencil_r8"), len(scene_.hand.fingers)
+    n_W, wanted, bend = np.tile([[0.0, 0.0, 1.0]], (1, k, 1)), np.full((1, k), 1.6), np.ones((1, k))
+    arms = _arms(scene_.hand, holding, wanted, bend, SPARE_FRICTION_SHARE)
+
+    def again(press: float, used: float, spin: float) -> ForceProblem | None:
+        """The problem worked out again from forces, where each has so much friction over what there can be."""
+        one = np.ones((1, k))
+        problem = ForceProblem(
+            load=one,
+            preload=wanted,
+            force_W=np.zeros(3),
+            friction=0.4,
+            torsion_radius=0.0,
+            effort=np.ones((k, 3)),
+            spin=spin * one,
+            spin_arm=arms,
+        )
+        f_W = press * np.array([used * holding.sliding_friction, 0.0, -1.0]) * one[..., None]
+        return _as_pressed(problem, scene_.hand, holding, f_W, n_W, bend, 1e-5)
+
+    usual = np.sqrt(1 - SPARE_FRICTION_SHARE**2)
+    assert again(1.6, usual, 1.0) is None
+    assert again(0.1, usual, 0.0) is None, "without spin the patch does not matter"
+    assert again(0.1, usual, 1e-3) is None, "nor with little"
+    np.testing.assert_allclose(again(0.1, usual, 1.0).spin_arm, arms / 2, rtol=1e-6)
+    np.testing.assert_allclose(again(1.6, 1.0, -1.0).spin_arm, 0.0, atol=1e-9)

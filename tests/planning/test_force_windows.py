@@ -67,7 +67,7 @@ def test_windows_that_differ_are_not_taken_for_alike() -> None:
 
 
 def test_a_pad_that_is_twisted_once_makes_a_difference() -> None:
-    """The same contacts with a pad twisted in one place: its torque is borne there, and elsewhere forces are as before."""
+    """Its torque is borne by the others there, and elsewhere forces are as before."""
     sets, problem, starts = path(40)
     spin = np.zeros(problem.load.shape)
     spin[300, 0] = 1.0

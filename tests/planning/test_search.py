@@ -30,7 +30,7 @@ def roots(m, *, every=False, most=False) -> list[Node]:
 def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Search, Node | None]:
     m = moves(HAND, PENCIL, way, **changes)
     search = Search(moves=m, wanted=wanted)
-    search.add(begin or roots(m))
+    search.begin(begin or roots(m))
     return search, search.run(budget, time.monotonic() + 60.0)
 
 
@@ -189,12 +189,12 @@ def test_roots_that_the_hand_cannot_get_to_are_left():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
     begin, asked = roots(m), []
     search = Search(moves=m, able=lambda root: asked.append(root) or root in begin[-2:])
-    search.add(begin)
+    search.begin(begin)
     end = search.run(60, time.monotonic() + 60.0)
     assert end.chain[0] in begin[-2:]
     assert len({id(x) for x in asked}) == len(asked), "no root is asked twice"
     never = Search(moves=m, able=lambda root: False)
-    never.add(roots(m))
+    never.begin(roots(m))
     assert never.run(60, time.monotonic() + 60.0) is None
     assert never.exhausted
 
@@ -206,7 +206,7 @@ def test_what_follows_from_a_root_that_cannot_be_got_to_does_not_count(monkeypat
     good, bad = roots(m)[:2]
     far = replace(bad, s=6.0, parent=bad)
     search = Search(moves=m, able=lambda root: root is good)
-    search.add([good, bad, far])
+    search.begin([good, bad, far])
     assert search.farthest is far
     monkeypatch.setattr(search, "_children", lambda state: [])
     monkeypatch.setattr(search, "_first", lambda: [])
@@ -247,6 +247,23 @@ def test_grasps_that_can_be_handed_over_come_first():
     assert shares((frozenset({0, 2, 3}),)).mean() > 1.5 * shares(()).mean()
 
 
+def test_a_finger_that_can_seldom_be_lifted_is_switched_where_it_can(monkeypatch):
+    m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
+    x = replace(roots(m)[0], touching=np.ones(4, dtype=bool), margins=np.ones(5))
+    x.room = np.array([0.0, 0.2, 0.4, 1.0])
+    never = replace(x, margins=np.array([1.0, 1.0, 1.0, -1.0, 1.0]))
+    asked = []
+    monkeypatch.setattr("drake_hand.planning.search.draw_switches", lambda m, state, f: asked.append(f) or [])
+    monkeypatch.setattr("drake_hand.planning.search.draw_retreats", lambda *_: [])
+    monkeypatch.setattr(m, "evaluate", lambda states, rooms=None: None)
+    for others in ([x] * 4, [never] * 4):
+        monkeypatch.setattr("drake_hand.planning.search.draw_strokes", lambda m, state, others=others: others)
+        asked.clear()
+        for _ in range(20):
+            Search(moves=m)._children(x)
+        assert asked.count(3) > 15 if others[0] is never else asked.count(3) == 0
+
+
 def test_states_much_alike_share_a_niche():
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 6.0)))
     search = Search(moves=m)
@@ -255,7 +272,7 @@ def test_states_much_alike_share_a_niche():
     lifted = Node(s=x.s, off=x.off, X=x.X, q=x.q, touching=x.touching & (np.arange(4) > 0))
     later = Node(s=5.0, off=x.off, X=x.X, q=x.q, touching=x.touching)
     m.evaluate([twin, lifted, later])
-    search.add([x, twin, lifted, later])
+    search.begin([x, twin, lifted, later])
     assert x.niche == twin.niche
     assert len({x.niche, lifted.niche, later.niche}) == 3 - (not x.touching[0])
 
@@ -270,7 +287,7 @@ def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):
     search, asked = Search(moves=m, able=lambda root: True), []
     monkeypatch.setattr(search, "_children", lambda state: asked.append(state) or [])
     monkeypatch.setattr(search, "_first", lambda: [])
-    search.add([near, far])
+    search.begin([near, far])
     search.run(6 * BIN_EXPANSIONS, time.monotonic() + 60.0)
     assert asked.index(near) == 5 * BIN_EXPANSIONS, "five bins back"
 
@@ -281,7 +298,7 @@ def test_a_search_for_a_period_looks_for_one(turned):
     gait = Search(moves=search.moves, period=Period(ticks=6, count=4, X_OO=np.eye(4)))
     x = roots(search.moves)[0]
     y = replace(x, s=3.0)
-    gait.add([x, y])
+    gait.begin([x, y])
     assert gait.fraction == 3.0 / search.moves.path.ticks
     assert gait.goal_fraction == 4 * gait.fraction
 
@@ -290,7 +307,7 @@ def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():
     everyone = frozenset(range(4))
     m = moves(HAND, PENCIL, path(HAND, turn(360.0)), allowed=lambda touching: touching == everyone)
     search = Search(moves=m)
-    search.add(roots(m))
+    search.begin(roots(m))
     assert search.run(10, time.monotonic() + 60.0) is None, "no finger may be lifted"
     error = search.failure("timeout")
     best = search.farthest
@@ -309,7 +326,7 @@ def test_a_search_knows_whether_a_grasp_lasts_all_the_way():
     def straight(step) -> bool:
         m = moves(HAND, PENCIL, path(HAND, step))
         search = Search(moves=m)
-        search.add(roots(m))
+        search.begin(roots(m))
         return search.straight
 
     assert straight(turn(10.0))
@@ -324,7 +341,7 @@ def test_a_failure_says_whether_more_friction_would_let_a_finger_be_lifted():
         if not kept:
             continue
         search = Search(moves=m)
-        search.add([root])
+        search.begin([root])
         reason = search.failure("timeout").reason
         less = np.repeat(root.touching[None], len(kept), axis=0)
         less[range(len(kept)), kept] = False
@@ -341,5 +358,5 @@ def test_a_failure_says_friction_where_twice_as_much_would_not_do():
     found = roots(moves(HAND, PENCIL, path(HAND, turn(100.0))))
     for x in found:
         m.evaluate([x], x.room[None])
-    search.add(found)
+    search.begin(found)
     assert "twenty times the friction" in search.failure("infeasible").reason

@@ -46,17 +46,36 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         if task % 2:
             raise NoPlanFound("out of reach")
         farthest = SimpleNamespace(score=0.0)
-        search = SimpleNamespace(farthest=farthest, straight=True, period=None)
-        return [SimpleNamespace(task=task, search=search)]
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=True))
 
     begun = []
-    monkeypatch.setattr(searches, "_attempts", grasps)
+    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
     problem = SimpleNamespace(
         deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
+
+
+def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
+    def attempt(task: int, **search) -> SimpleNamespace:
+        """Of a start whose grasps can spare so many fingers."""
+        search = SimpleNamespace(farthest=SimpleNamespace(score=0.0), straight=False, **search)
+        return SimpleNamespace(task=task, search=search)
+
+    begun = []
+    monkeypatch.setattr(searches, "_free", lambda problem, task, *_: attempt(task, period=None))
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one", ease=x.task))
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.extend(some) or iter(()))
+    problem = SimpleNamespace(
+        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+    )
+    assert list(searches.from_grasps(problem, [2, 5, 4], Grasp(), [], [])) == []
+    assert [x.task for x in begun if x.search.period] == [5, 4, 2]
+    assert [x.task for x in begun if not x.search.period] == [2, 5, 4]
 
 
 class _Search:
