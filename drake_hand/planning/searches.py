@@ -34,8 +34,9 @@ from drake_hand.plans.path import Path
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Grasp, Step, Task
 
-GAIT_SEARCHES, FREE_SEARCHES = 12, 6
-"""Worked on in turn, of those from the most promising starts: for a motion that comes back, and for any."""
+GAIT_SEARCHES, FREE_SEARCHES, BESIDE_GAITS = 6, 6, 3
+"""Worked on in turn: searches for a motion that comes back, from the starts most at ease; for any motion, from the most
+promising ones; and how many of these beside those for a gait."""
 START_POSES = 16
 """Start poses, at most, from which there is a grasp."""
 GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
@@ -81,7 +82,8 @@ def from_grasps(
     with problem.stage("grasp"):
         both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.search.ease)
-    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + free[:FREE_SEARCHES], failures)
+    others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
+    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + others, failures)
 
 
 def _free(
