@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import Node
-from drake_hand.planning.switches import draw_switches
+from drake_hand.planning.switches import draw_switches, leaves
 
 EXPANSIONS = 20
 """Grasps whose switches are tried, at most."""
@@ -19,17 +21,26 @@ GRASPS = 20
 """Grasps looked for, of those that can spare every finger; and returned, of those that can spare most."""
 
 
-def at_ease(moves: Moves, roots: list[Node], able: Callable[[Node], bool]) -> list[Node]:
+def at_ease(
+    moves: Moves,
+    roots: list[Node],
+    able: Callable[[Node], bool] = lambda root: True,
+    *,
+    expansions: int = EXPANSIONS,
+    most: int = GRASPS,
+) -> list[Node]:
     """Those of some grasps, and of others a few switches from them, that can spare most fingers.
 
     Args:
         moves: along the path that begins there.
-        roots: grasps, evaluated.
+        roots: grasps, evaluated, the object where it is in all of them.
         able: whether the hand can close on a grasp.
+        expansions: grasps whose switches are tried, at most.
+        most: how many to return.
     """
     fingers, left, found = sorted(moves.fingers), list(roots), list[Node]()
-    for _ in range(EXPANSIONS):
-        if not left or sum(x.spared == len(fingers) for x in found) >= GRASPS:
+    for _ in range(expansions):
+        if not left or sum(x.spared == len(fingers) for x in found) >= most:
             break
         best = max(left, key=lambda x: (x.spared, x.score))
         left.remove(best)
@@ -37,8 +48,11 @@ def at_ease(moves: Moves, roots: list[Node], able: Callable[[Node], bool]) -> li
             continue
         some = [y for f in fingers if best.liftable[f] or not best.touching[f] for y in draw_switches(moves, best, f)]
         left += some
-        found += [best, *some] if best.parent is None else some
-    if not found:
-        return roots
-    most = max(x.spared for x in found)
-    return sorted((x for x in found if x.spared == most), key=lambda x: -x.score)[:GRASPS]
+        found += [best, *some] if best in roots else some
+    found = sorted(found, key=lambda x: (x.spared, x.score), reverse=True)[: 2 * most]
+    return sorted(found, key=lambda x: (ease(moves, x), x.score), reverse=True)[:most] or roots
+
+
+def ease(moves: Moves, x: Node) -> int:
+    """How many fingers a grasp can spare that get away from their contacts, so that they can come back to them, too."""
+    return sum(leaves(moves, x, f) for f in np.flatnonzero(x.liftable).tolist())

@@ -68,11 +68,16 @@ class Period:
                 return cls(ticks=ticks, count=count, X_OO=X_OW @ path.X_WO[ticks])
         return None
 
+    def ended(self, x: Node) -> bool:
+        """Whether a period is over, but not the last, and the object where it is to be."""
+        k, rest = divmod(x.s, self.ticks)
+        return not (rest or k in (0, self.count) or x.off.any())
+
     def completed(self, moves: Moves, x: Node) -> Node | None:
         """The state at the end of the path, where the fingers of x can go back to where they were whole periods ago."""
-        k, rest = divmod(x.s, self.ticks)
-        if rest or k in (0, self.count) or x.off.any():
+        if not self.ended(x):
             return None
+        k = x.s // self.ticks
         earlier: dict[int, Node] = {}
         for y in x.chain[:-1]:
             if not y.s % self.ticks and not y.off.any():

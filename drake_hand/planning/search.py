@@ -18,10 +18,11 @@ from typing import Literal
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.planning.ease import at_ease
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
-from drake_hand.planning.state import Node
+from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
 from drake_hand.plans.progress import Progress
@@ -46,6 +47,8 @@ FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
 SELDOM_LIFTABLE = 0.25
 """A finger that can be lifted in a smaller share of the states in which it touches is switched first where it can."""
+PERIOD_EXPANSIONS, PERIOD_GRASPS = 6, 4
+"""Where a period ends, grasps whose switches are tried for others more at ease, and how many of these are kept."""
 RETREAT_CHANCE = 0.2
 """Chance that a finger is asked to wait elsewhere."""
 ALONE_SCORE = 2.0
@@ -140,7 +143,8 @@ class Search:
             self._tried[state.niche] += 1
             self.expansions += 1
             children = self._children(state) + (self._first() if self.expansions == 1 else [])
-            children += self._repeated(children)
+            easier, ends = self._repeated(children)
+            children += easier + ends
             self._add(children)
             self._tell()
             done = [x for x in children if x.progress >= goal - 1e-9 and self._founded(x)]
@@ -182,11 +186,6 @@ class Search:
         return any(x.s >= self.moves.path.ticks for x in onward(self.moves, list(self.starts)))
 
     @property
-    def ease(self) -> int:
-        """How many fingers its starts can spare, the best of them."""
-        return max((x.spared for x in self.starts), default=0)
-
-    @property
     def fraction(self) -> float:
         """Share of the motion that was reached."""
         return 0.0 if self.farthest is None else self._share(self.farthest)
@@ -224,12 +223,16 @@ class Search:
             children += draw_retreats(self.moves, state, int(rng.integers(len(state.touching))))
         return children
 
-    def _repeated(self, children: list[Node]) -> list[Node]:
-        """The states at the goal that a gait leads to, which some of these complete."""
+    def _repeated(self, children: list[Node]) -> tuple[list[Node], list[Node]]:
+        """States most at ease, where a stroke ends with a period; and the states at the goal that gaits lead to."""
         if self.period is None:
-            return []
-        ends = [self.period.completed(self.moves, x) for x in children]
-        return [x for x in ends if x is not None and self._founded(x)]
+            return [], []
+        ended = [x for x in children if self.period.ended(x)]
+        strokes = sorted((x for x in ended if isinstance(x.move, Stroke)), key=lambda x: (x.spared, x.score))
+        easier = at_ease(self.moves, strokes[-1:], expansions=PERIOD_EXPANSIONS, most=PERIOD_GRASPS)
+        some = [x for x in ended if x not in strokes] + strokes[-1:] + easier
+        ends = [self.period.completed(self.moves, x) for x in some]
+        return easier, [x for x in ends if x is not None and self._founded(x)]
 
     def _first(self) -> list[Node]:
         """Where the starts get to along the nominal path."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, gait, grasp, steps
-from drake_hand.planning.ease import at_ease
+from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder, follow
@@ -81,7 +81,7 @@ def from_grasps(
         yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
     with problem.stage("grasp"):
         both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
-    coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.search.ease)
+    coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
     yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + others, failures)
 
@@ -118,7 +118,8 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
     moves = replace(x.search.moves, path=pausing, rng=np.random.default_rng(x.task.options.seed))
     search = Search(moves=moves, period=period, able=x.search.able, progress=problem.progress)
     search.begin([replace(y) for y in at_ease(moves, list(x.search.starts), x.search.able)])
-    return Attempt(task=x.task, builder=x.builder, search=search)
+    easiest = next(iter(search.starts))
+    return Attempt(task=x.task, builder=x.builder, search=search, ease=ease(moves, easiest))
 
 
 def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:

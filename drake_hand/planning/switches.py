@@ -78,22 +78,7 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
     rest = frozenset(np.flatnonzero(state.touching).tolist()) - {finger}
     if touches and (state.margins[finger] < 0 or not moves.allowed(rest)):
         return []
-    stops = moves.grid.stops[finger]
-    found = np.full(len(stops), -1, dtype=np.int64)
-    normal = state.n_W[finger]
-    transit.retreats(
-        moves.world,
-        finger,
-        state.X,
-        state.q,
-        state.q[finger],
-        touches,
-        normal,
-        LIFT_HEIGHTS_M,
-        stops,
-        TRAVEL_STEP_RAD,
-        found,
-    )
+    stops, found = moves.grid.stops[finger], _ways_off(moves, state, finger)
     out = []
     for v in np.flatnonzero(found >= 0)[:CONTACTS_KEPT]:
         q, touching = state.q.copy(), state.touching.copy()
@@ -115,6 +100,21 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
         )
     moves.evaluate(out)
     return [x for x in out if x.margins[-1] >= 0]
+
+
+def leaves(moves: Moves, state: Node, finger: int) -> bool:
+    """Whether a finger gets away from its contact: lifted along the normal, and on to where it can wait."""
+    return bool((_ways_off(moves, state, finger) >= 0).any())
+
+
+def _ways_off(moves: Moves, state: Node, finger: int) -> np.ndarray:
+    """(V,) the lift with which a finger gets to each of its stops, -1 where none does."""
+    stops = moves.grid.stops[finger]
+    found = np.full(len(stops), -1, dtype=np.int64)
+    touches, normal = bool(state.touching[finger]), state.n_W[finger]
+    args = moves.world, finger, state.X, state.q, state.q[finger], touches, normal
+    transit.retreats(*args, LIFT_HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
+    return found
 
 
 def switch_between(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:

@@ -30,6 +30,8 @@ class Attempt:
     """With its start and gravity."""
     builder: LegBuilder
     search: Search
+    ease: int = 0
+    """Fingers that can leave the grasp that it is to come back to."""
 
     @property
     def effort(self) -> float:

@@ -13,7 +13,7 @@ from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.period import Period
 from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
-from drake_hand.planning.state import Node
+from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.switches import draw_retreats, draw_switches
 from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
@@ -262,6 +262,24 @@ def test_a_finger_that_can_seldom_be_lifted_is_switched_where_it_can(monkeypatch
         for _ in range(20):
             Search(moves=m)._children(x)
         assert asked.count(3) > 15 if others[0] is never else asked.count(3) == 0
+
+
+def test_where_a_stroke_ends_with_a_period_grasps_at_ease_are_looked_for(monkeypatch):
+    """For the best of the strokes that end there, and asked too whether they can go back."""
+    way = path(HAND, turn(60.0))
+    m = moves(HAND, PENCIL, way)
+    period = Period(ticks=way.ticks // 3, count=3, X_OO=np.eye(4))
+    x = roots(m)[0]
+    stroke = Stroke(X=x.X[None], q=x.q[None])
+    arrived = [replace(x, s=float(period.ticks), parent=x, move=stroke, score=score) for score in (1.0, 2.0, 0.0)]
+    before = replace(arrived[1], s=period.ticks - 1.0, score=9.0)
+    easy, asked, eased = replace(arrived[0], move=None), [], []
+    monkeypatch.setattr(Period, "completed", lambda self, m, x: asked.append(x))
+    monkeypatch.setattr("drake_hand.planning.search.at_ease", lambda m, some, **_: eased.append(some) or [easy])
+    search = Search(moves=m, period=period)
+    assert search._repeated([before, *arrived]) == ([easy], [])
+    assert eased == [[arrived[1]]]
+    assert asked == [arrived[1], easy]
 
 
 def test_states_much_alike_share_a_niche():

@@ -61,13 +61,13 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
 
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
     def attempt(task: int, **search) -> SimpleNamespace:
-        """Of a start whose grasps can spare so many fingers."""
+        """Of a start with a grasp that so many fingers can leave."""
         search = SimpleNamespace(farthest=SimpleNamespace(score=0.0), straight=False, **search)
-        return SimpleNamespace(task=task, search=search)
+        return SimpleNamespace(task=task, search=search, ease=task)
 
     begun = []
     monkeypatch.setattr(searches, "_free", lambda problem, task, *_: attempt(task, period=None))
-    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one", ease=x.task))
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.extend(some) or iter(()))
     problem = SimpleNamespace(
