@@ -7,6 +7,7 @@ plus compensation for yielding pads, shortened rolling and the weight of the lin
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,9 +35,9 @@ SERVO_ROOM_RAD = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATION_LOSS_M = 0.6e-4
 """Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
-TORSION_PASSES, TORSION_KNOWN = 3, (0.6, 1.15)
-"""How often forces are worked out again with the torsion that the last ones make, at most, and how far it may be from
-what they were worked out with: the patch depends on the force, and how much rubs on what friction is left."""
+TORSION_PASSES, TORSION_KNOWN = 4, (0.6, 1.15)
+"""How often forces are worked out at most, and between which shares of the torsion they make has to be what they were
+worked out with: the patch depends on the force, and how much rubs on what friction is left."""
 WEIGHTLESS_SHARE = 0.05
 """Gravity over that on earth below which an object floats."""
 
@@ -120,19 +121,20 @@ def add_forces(
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding, on_table)
-    try:
-        f_W = forces_along(contacts, problem, starts)
-        for _ in range(TORSION_PASSES):
-            again = _as_pressed(problem, hand, holding, f_W, normal, bend, lost)
-            if again is None:
-                break
-            problem = again
-            f_W = forces_along(contacts, problem, starts)
-    except Unbalanced as e:
-        raise _blamed(e, contacts, problem, legs, starts, X) from e
-    more = finer(legs, starts, p, f_W, lost)
-    if more is not None:
-        return add_forces(more, scene, gravity_W, holding, on_table)
+    solved: dict[bytes, np.ndarray] = {}
+    again: ForceProblem | None = problem
+    for _ in range(TORSION_PASSES):
+        if again is None:
+            break
+        problem = again
+        try:
+            f_W = forces_along(contacts, problem, starts, solved)
+        except Unbalanced as e:
+            raise _blamed(e, contacts, problem, legs, starts, X) from e
+        more = finer(legs, starts, p, f_W, lost)
+        if more is not None:
+            return add_forces(more, scene, gravity_W, holding, on_table)
+        again = _as_pressed(problem, starts, hand, holding, f_W, normal, bend, lost)
     pressed = np.einsum("nki,nki->nk", f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
@@ -171,6 +173,7 @@ def _arms(
 
 def _as_pressed(
     problem: ForceProblem,
+    starts: np.ndarray,
     hand: Hand,
     holding: Equilibrium,
     f_W: np.ndarray,
@@ -178,14 +181,20 @@ def _as_pressed(
     bend: np.ndarray,
     torque: float,
 ) -> ForceProblem | None:
-    """The problem with the torsion that these forces make, or None where no more than a torque [Nm] is off."""
+    """The problem with the torsion that these forces make, on legs where more than a torque [Nm] is off; else None."""
     assert problem.spin is not None
     press = np.maximum(-np.sum(f_W * n_W, axis=-1), 0.0)
     used = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1) / np.maximum(holding.sliding_friction * press, 1e-9)
     arms = _arms(hand, holding, press, bend, np.sqrt(np.maximum(1.0 - used**2, 0.0)))
     off = problem.spin_arm - np.clip(problem.spin_arm, TORSION_KNOWN[0] * arms, TORSION_KNOWN[1] * arms)
-    some = np.abs(problem.spin * off * press).max(initial=0.0) > torque
-    return replace(problem, spin_arm=arms) if some else None
+    knots = (np.abs(problem.spin * off * press) > torque).any(axis=1)
+    legs = [slice(a, b + 1) for a, b in itertools.pairwise(starts) if knots[a : b + 1].any()]
+    if not legs:
+        return None
+    arm = np.broadcast_to(problem.spin_arm, press.shape).copy()
+    for leg in legs:
+        arm[leg] = arms[leg]
+    return replace(problem, spin_arm=arm)
 
 
 def _blamed(

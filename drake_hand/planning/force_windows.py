@@ -23,13 +23,16 @@ _DECIMALS = 9
 """To which windows are alike: m, N, Nm."""
 
 
-def forces_along(sets: ContactSets, problem: ForceProblem, starts: np.ndarray) -> np.ndarray:
+def forces_along(
+    sets: ContactSets, problem: ForceProblem, starts: np.ndarray, solved: dict[bytes, np.ndarray] | None = None
+) -> np.ndarray:
     """Forces as `balance_forces` finds them, of a path of many knots.
 
     Args:
         sets: the contacts at each of n knots.
         problem: at the same knots.
         starts: (legs + 1,) knots at which legs start, where windows may, and the last knot.
+        solved: forces of windows by what makes them alike, from earlier calls; those found are added.
 
     Returns:
         (n, k, 3) force of every finger on the object, N.
@@ -42,16 +45,12 @@ def forces_along(sets: ContactSets, problem: ForceProblem, starts: np.ndarray) -
     windows = [slice(max(a - OVERLAP_KNOTS, 0), min(b + OVERLAP_KNOTS, n)) for a, b in itertools.pairwise(bounds)]
     inputs = [(sets[w], problem[w]) for w in windows]
     keys = [_key(*some) for some in inputs]
-    distinct: dict[bytes, tuple[ContactSets, ForceProblem]] = {}
-    for key, some in zip(keys, inputs, strict=True):
-        distinct.setdefault(key, some)
-    found = at_once([partial(balance_forces, *some) for some in distinct.values()])
-    known = dict(zip(distinct, found, strict=True))
-    out = [
-        known[key].f_W[a - w.start : b - w.start]
-        for key, w, (a, b) in zip(keys, windows, itertools.pairwise(bounds), strict=True)
-    ]
-    return np.concatenate(out)
+    solved = {} if solved is None else solved
+    new = {key: some for key, some in zip(keys, inputs, strict=True) if key not in solved}
+    found = at_once([partial(balance_forces, *some) for some in new.values()])
+    solved.update((key, forces.f_W) for key, forces in zip(new, found, strict=True))
+    blocks = zip(keys, windows, itertools.pairwise(bounds), strict=True)
+    return np.concatenate([solved[key][a - w.start : b - w.start] for key, w, (a, b) in blocks])
 
 
 def _bounds(starts: np.ndarray, n: int) -> list[int]:

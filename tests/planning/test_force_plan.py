@@ -151,7 +151,7 @@ def test_torsion_is_that_of_the_forces_that_come_out():
             spin_arm=arms,
         )
         f_W = press * np.array([used * holding.sliding_friction, 0.0, -1.0]) * one[..., None]
-        return _as_pressed(problem, scene_.hand, holding, f_W, n_W, bend, 1e-5)
+        return _as_pressed(problem, np.array([0, 0]), scene_.hand, holding, f_W, n_W, bend, 1e-5)
 
     usual = np.sqrt(1 - SPARE_FRICTION_SHARE**2)
     assert again(1.6, usual, 1.0) is None
