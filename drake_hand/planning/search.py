@@ -19,11 +19,11 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.ease import at_ease
-from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes, onward
+from drake_hand.planning.stuck import stuck
 from drake_hand.planning.switches import draw_retreats, draw_switches
 from drake_hand.plans.progress import Progress
 
@@ -41,8 +41,6 @@ NICHE_M = 0.012
 """States whose contacts are as near as this share a niche, m."""
 BIN_CAPACITY, BIN_KEPT = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
-EASINGS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
-"""How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
 FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
 SELDOM_LIFTABLE = 0.25
@@ -228,9 +226,11 @@ class Search:
         if self.period is None:
             return [], []
         ended = [x for x in children if self.period.ended(x)]
-        strokes = sorted((x for x in ended if isinstance(x.move, Stroke)), key=lambda x: (x.spared, x.score))
-        easier = at_ease(self.moves, strokes[-1:], expansions=PERIOD_EXPANSIONS, most=PERIOD_GRASPS)
-        some = [x for x in ended if x not in strokes] + strokes[-1:] + easier
+        strokes = [x for x in ended if isinstance(x.move, Stroke)]
+        best = sorted(strokes, key=lambda x: (x.spared, x.score))[-1:]
+        easier = at_ease(self.moves, best, expansions=PERIOD_EXPANSIONS, most=PERIOD_GRASPS)
+        easier = [x for x in easier if x not in best]
+        some = [x for x in ended if x not in strokes] + best + easier
         ends = [self.period.completed(self.moves, x) for x in some]
         return easier, [x for x in ends if x is not None and self._founded(x)]
 
@@ -281,51 +281,7 @@ class Search:
             )
         )
 
-    def _what_would_help(self, x: Node, kept: list[int]) -> str:
-        """What would let one of the fingers that cannot be lifted be lifted, in words."""
-        load, helps = self.moves.load, []
-        for times, more, less in () if load.kinematic else EASINGS:
-            eased = {
-                f"{more} the friction": load._replace(friction=times * load.friction),
-                f"{more} the joints' efforts": load._replace(effort=times * load.effort),
-                f"{less} the object's weight": load._replace(
-                    force_W=load.force_W / times, preload=load.preload / times
-                ),
-            }
-            for words, other in eased.items():
-                lighter = replace(x)
-                replace(self.moves, load=other).evaluate([lighter], x.room[None])
-                if (lighter.margins[kept] >= 0).any():
-                    helps.append(words)
-            if helps:
-                break
-        return f"; with {' or '.join(helps)} {'it' if len(kept) == 1 else 'one of them'} could be" if helps else ""
-
     def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:
         """Why there is no plan: the state that got farthest, and what each of its fingers lacks."""
-        hand, x = self.moves.clearance.hand, self.farthest
-        assert x is not None, "a search has roots"
-        names = [f.name for f in hand.fingers]
-        touching = [f for f, on in enumerate(x.touching) if on]
-        short = [f for f in touching if x.room[f] < 0.25]
-        kept = [f for f in touching if x.margins[f] < 0]
-        reason = f"{'out of time' if status == 'timeout' else 'nothing left to try'}"
-        reason += f" at {100 * self._share(x):.0f} % of the motion"
-        if short:
-            reason += f": {', '.join(names[f] for f in short)} near the end of what the finger can reach"
-        if kept:
-            least = min(float(x.margins[f]) for f in kept)
-            reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
-            reason += f" (short of {-least:.2f} N)" if least > -10 else ""
-            reason += self._what_would_help(x, kept)
-        blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
-        return no_plan(
-            reason,
-            status=status,
-            mode=code(hand, touching),
-            finger=names[blamed],
-            constraint="balance" if blamed in kept else "reach",
-            X_WO=np.vstack([x.X, [0.0, 0.0, 0.0, 1.0]]),
-            progress=self._share(x),
-            expansions=self.expansions,
-        )
+        assert self.farthest is not None, "a search has starts"
+        return stuck(self.moves, self.farthest, self._share(self.farthest), self.expansions, status)

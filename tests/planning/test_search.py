@@ -275,7 +275,7 @@ def test_where_a_stroke_ends_with_a_period_grasps_at_ease_are_looked_for(monkeyp
     before = replace(arrived[1], s=period.ticks - 1.0, score=9.0)
     easy, asked, eased = replace(arrived[0], move=None), [], []
     monkeypatch.setattr(Period, "completed", lambda self, m, x: asked.append(x))
-    monkeypatch.setattr("drake_hand.planning.search.at_ease", lambda m, some, **_: eased.append(some) or [easy])
+    monkeypatch.setattr("drake_hand.planning.search.at_ease", lambda m, some, **_: eased.append(some) or [*some, easy])
     search = Search(moves=m, period=period)
     assert search._repeated([before, *arrived]) == ([easy], [])
     assert eased == [[arrived[1]]]

@@ -1,0 +1,66 @@
+"""Why a search got stuck: what the fingers of the state that got farthest lack, and what would help."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.failure import code, no_plan
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.state import Node
+
+EASINGS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
+"""How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
+
+
+def stuck(
+    moves: Moves, x: Node, share: float, expansions: int, status: Literal["infeasible", "timeout"]
+) -> NoPlanFound:
+    """Why a search got no farther than a state, a share of the motion: what each of its fingers lacks."""
+    hand = moves.clearance.hand
+    names = [f.name for f in hand.fingers]
+    touching = [f for f, on in enumerate(x.touching) if on]
+    short = [f for f in touching if x.room[f] < 0.25]
+    kept = [f for f in touching if x.margins[f] < 0]
+    reason = f"{'out of time' if status == 'timeout' else 'nothing left to try'}"
+    reason += f" at {100 * share:.0f} % of the motion"
+    if short:
+        reason += f": {', '.join(names[f] for f in short)} near the end of what the finger can reach"
+    if kept:
+        least = min(float(x.margins[f]) for f in kept)
+        reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
+        reason += f" (short of {-least:.2f} N)" if least > -10 else ""
+        reason += _what_would_help(moves, x, kept)
+    blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
+    return no_plan(
+        reason,
+        status=status,
+        mode=code(hand, touching),
+        finger=names[blamed],
+        constraint="balance" if blamed in kept else "reach",
+        X_WO=np.vstack([x.X, [0.0, 0.0, 0.0, 1.0]]),
+        progress=share,
+        expansions=expansions,
+    )
+
+
+def _what_would_help(moves: Moves, x: Node, kept: list[int]) -> str:
+    """What would let one of the fingers that cannot be lifted be lifted, in words."""
+    load, helps = moves.load, []
+    for times, more, less in () if load.kinematic else EASINGS:
+        eased = {
+            f"{more} the friction": load._replace(friction=times * load.friction),
+            f"{more} the joints' efforts": load._replace(effort=times * load.effort),
+            f"{less} the object's weight": load._replace(force_W=load.force_W / times, preload=load.preload / times),
+        }
+        for words, other in eased.items():
+            lighter = replace(x)
+            replace(moves, load=other).evaluate([lighter], x.room[None])
+            if (lighter.margins[kept] >= 0).any():
+                helps.append(words)
+        if helps:
+            break
+    return f"; with {' or '.join(helps)} {'it' if len(kept) == 1 else 'one of them'} could be" if helps else ""
