@@ -55,6 +55,21 @@ def test_repeats_are_solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sorted(solved[: len(solved) // 2]) == sorted(solved[len(solved) // 2 :])
 
 
+def test_what_was_solved_before_is_not_solved_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the windows that reach where the problem has changed."""
+    sets, problem, starts = path(40)
+    arm, solved = np.zeros(problem.load.shape), dict[bytes, np.ndarray]()
+    problem = replace(problem, spin=np.ones(arm.shape), spin_arm=arm.copy())
+    before = force_windows.forces_along(sets, problem, starts, solved)
+    known, asked = len(solved), []
+    monkeypatch.setattr(force_windows, "balance_forces", lambda s, p: asked.append(p) or balance_forces(s, p))
+    np.testing.assert_array_equal(force_windows.forces_along(sets, problem, starts, solved), before)
+    assert not asked
+    arm[300] = 4e-3
+    force_windows.forces_along(sets, replace(problem, spin_arm=arm), starts, solved)
+    assert 0 < len(asked) == len(solved) - known <= 3
+
+
 def test_windows_that_differ_are_not_taken_for_alike() -> None:
     """An object that is heavier in one place is held there, and elsewhere as before."""
     sets, problem, starts = path(40)
