@@ -23,7 +23,7 @@ _STILL_RAD = 1e-9
 
 def spin_arm(
     pad: PadSpec,
-    radius: float,
+    radius: np.ndarray | float,
     friction: float,
     press: np.ndarray | float = PRESS_N,
     curvature: np.ndarray | float = 1.0,
@@ -36,7 +36,7 @@ def spin_arm(
 
     Args:
         pad: the fingertip's material.
-        radius: R, m.
+        radius: (...) R, m.
         friction: coefficient while it rubs.
         press: (...) normal force, N.
         curvature: (...) that of `pad_compression`.

@@ -2,7 +2,7 @@
 
 At the end of a period all fingers go back to where they were, one after the other. Each is lifted while the others
 hold, the last of them by what all the others hold at the end: a finger that a grasp cannot spare can never be it.
-Grasps drawn at random seldom can spare all of theirs, but often one that can is a few switches away.
+Grasps drawn at random seldom can spare all of theirs; of those a few switches on, some can.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ GRASPS = 20
 
 def at_ease(
     moves: Moves,
-    roots: list[Node],
+    grasps: list[Node],
     able: Callable[[Node], bool] = lambda root: True,
     *,
     expansions: int = EXPANSIONS,
@@ -33,12 +33,12 @@ def at_ease(
 
     Args:
         moves: along the path that begins there.
-        roots: grasps, evaluated, the object where it is in all of them.
+        grasps: evaluated, the object in one place.
         able: whether the hand can close on a grasp.
         expansions: grasps whose switches are tried, at most.
         most: how many to return.
     """
-    fingers, left, found = sorted(moves.fingers), list(roots), list[Node]()
+    fingers, left, found = sorted(moves.fingers), list(grasps), list[Node]()
     for _ in range(expansions):
         if not left or sum(x.spared == len(fingers) for x in found) >= most:
             break
@@ -48,9 +48,9 @@ def at_ease(
             continue
         some = [y for f in fingers if best.liftable[f] or not best.touching[f] for y in draw_switches(moves, best, f)]
         left += some
-        found += [best, *some] if best in roots else some
+        found += [best, *some] if best in grasps else some
     found = sorted(found, key=lambda x: (x.spared, x.score), reverse=True)[: 2 * most]
-    return sorted(found, key=lambda x: (ease(moves, x), x.score), reverse=True)[:most] or roots
+    return sorted(found, key=lambda x: (ease(moves, x), x.score), reverse=True)[:most] or grasps
 
 
 def ease(moves: Moves, x: Node) -> int:

@@ -35,7 +35,7 @@ SERVO_ROOM_RAD = np.radians(0.5)
 """Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATION_LOSS_M = 0.6e-4
 """Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
-TORSION_PASSES, TORSION_KNOWN = 4, (0.6, 1.15)
+TORSION_PASSES, TORSION_SHARES = 4, (0.6, 1.15)
 """How often forces are worked out at most, and between which shares of the torsion they make has to be what they were
 worked out with: the patch depends on the force, and how much rubs on what friction is left."""
 WEIGHTLESS_SHARE = 0.05
@@ -122,11 +122,7 @@ def add_forces(
     if more is not None:
         return add_forces(more, scene, gravity_W, holding, on_table)
     solved: dict[bytes, np.ndarray] = {}
-    again: ForceProblem | None = problem
     for _ in range(TORSION_PASSES):
-        if again is None:
-            break
-        problem = again
         try:
             f_W = forces_along(contacts, problem, starts, solved)
         except Unbalanced as e:
@@ -135,6 +131,9 @@ def add_forces(
         if more is not None:
             return add_forces(more, scene, gravity_W, holding, on_table)
         again = _as_pressed(problem, starts, hand, holding, f_W, normal, bend, lost)
+        if again is None:
+            break
+        problem = again
     pressed = np.einsum("nki,nki->nk", f_W, -normal)
     depth = pad_compression(hand.pad, pressed, bend)
     moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
@@ -163,12 +162,8 @@ def _arms(
     hand: Hand, holding: Equilibrium, press: np.ndarray, bend: np.ndarray, spare: np.ndarray | float
 ) -> np.ndarray:
     """(n, k) torque of contacts that rub over their normal force, m."""
-    spare = np.broadcast_to(spare, press.shape)
-    some = enumerate(hand.fingers)
-    arms = [
-        spin_arm(hand.pad, f.radius, holding.sliding_friction, press[:, i], bend[:, i], spare[:, i]) for i, f in some
-    ]
-    return np.stack(arms, axis=1)
+    radius = np.array([finger.radius for finger in hand.fingers])
+    return spin_arm(hand.pad, radius, holding.sliding_friction, press, bend, spare)
 
 
 def _as_pressed(
@@ -186,7 +181,7 @@ def _as_pressed(
     press = np.maximum(-np.sum(f_W * n_W, axis=-1), 0.0)
     used = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1) / np.maximum(holding.sliding_friction * press, 1e-9)
     arms = _arms(hand, holding, press, bend, np.sqrt(np.maximum(1.0 - used**2, 0.0)))
-    off = problem.spin_arm - np.clip(problem.spin_arm, TORSION_KNOWN[0] * arms, TORSION_KNOWN[1] * arms)
+    off = problem.spin_arm - np.clip(problem.spin_arm, TORSION_SHARES[0] * arms, TORSION_SHARES[1] * arms)
     knots = (np.abs(problem.spin * off * press) > torque).any(axis=1)
     legs = [slice(a, b + 1) for a, b in itertools.pairwise(starts) if knots[a : b + 1].any()]
     if not legs:

@@ -74,7 +74,7 @@ class Equilibrium:
         """Of the object on earth, N: what tolerances go by."""
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
-        self.spin_arm = np.array([float(spin_arm(hand.pad, f.radius, friction)) for f in hand.fingers])
+        self.spin_arm = spin_arm(hand.pad, np.array([f.radius for f in hand.fingers]), friction)
         """Torque of contacts that spin over their normal force, by finger, m."""
         self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
