@@ -2,6 +2,7 @@
 
     python benchmarks/matrix.py out --hand kanguera --hand allegro=allegro_hand_right.urdf --object mug=mug.obj
     python benchmarks/matrix.py out ... --motion rotate_z --motion full --time-limit 60
+    python benchmarks/matrix.py out ... --every 7 --engine mujoco
     python benchmarks/matrix.py out --table
 
 A hand is a bundled name or NAME=FILE; of a URDF `hand init` writes the hand file, and nobody edits it. Every cell is a
@@ -80,8 +81,8 @@ def prepare(out: Path, hands: list[str], objects: list[str]) -> tuple[dict[str, 
     return ready, things
 
 
-def run_cell(task: dict, stem: Path, limit: float) -> dict:
-    """Plans one cell and replays what was found; the row of the table."""
+def run_cell(task: dict, stem: Path, limit: float, engine: str) -> dict:
+    """Plans one cell and replays what was found in `engine`; the row of the table."""
     file = stem.with_suffix(".task.yaml")
     file.write_text(yaml.safe_dump(task))
     plan = str(stem.with_suffix(".plan.json"))
@@ -92,7 +93,7 @@ def run_cell(task: dict, stem: Path, limit: float) -> dict:
         return row | {"reason": answer.get("reason", "")}
     row |= {key: answer[key] for key in ("plan_s", "regrasps", "duration_s")}
     row["force_margin"] = drake_hand("check", plan)["worst"]["force_margin"]["value"]
-    physics = drake_hand("simulate", plan)
+    physics = drake_hand("simulate", plan, "--engine", engine)
     keys = ("dropped", "position_error_mm", "tilt_error_deg", "rotation_error_deg")
     return row | {"physics": {key: physics["runs"][0][key] for key in keys} if physics.get("runs") else physics}
 
@@ -124,6 +125,8 @@ def main() -> None:
     parser.add_argument("--object", action="append", default=[], metavar="NAME[=FILE]")
     parser.add_argument("--motion", action="append", default=[], choices=list(motions([0, 0, 1])))
     parser.add_argument("--time-limit", type=float, default=60.0, metavar="S")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth cell")
+    parser.add_argument("--engine", choices=("drake", "mujoco"), default="drake", help="of the replay")
     parser.add_argument("--table", action="store_true")
     words = parser.parse_args()
     answers = words.out / "cells.jsonl"
@@ -134,7 +137,7 @@ def main() -> None:
     hands, objects = prepare(words.out, words.hand or ["kanguera"], words.object)
     facing = {name: drake_hand("hand", "check", file).get("palm_direction", [1, 0, 0]) for name, file in hands.items()}
     asked = words.motion or [*motions([0, 0, 1])]
-    cells = [(h, o, m) for h in hands for o in objects for m in asked]
+    cells = [(h, o, m) for h in hands for o in objects for m in asked][:: words.every]
     done = {(r["hand"], r["object"], r["motion"]) for r in rows}
     for k, (h, o, m) in enumerate(cells, start=1):
         if (h, o, m) in done:
@@ -147,7 +150,8 @@ def main() -> None:
             "physics": {"gravity": "auto"},
             "options": {"time_limit_s": words.time_limit},
         }
-        row = {"hand": h, "object": o, "motion": m} | run_cell(task, words.out / f"{h}-{o}-{m}", words.time_limit)
+        stem = words.out / f"{h}-{o}-{m}"
+        row = {"hand": h, "object": o, "motion": m} | run_cell(task, stem, words.time_limit, words.engine)
         with answers.open("a") as f:
             f.write(json.dumps(row) + "\n")
         print(f"[{k}/{len(cells)}] {h} {o} {m}: {row['status']}, {row['wall_s']:.0f} s", file=sys.stderr, flush=True)

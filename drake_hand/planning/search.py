@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -124,6 +125,10 @@ class Search:
         """
         rng, goal = self.moves.rng, self.moves.path.ticks
         last = self.expansions + budget
+        if not self.expansions and (answer := self._arrived(self._onward)) is not None:
+            self._onward.remove(answer)
+            self._add([answer])
+            return self._answer(answer)
         while self.expansions < last and self._bins and time.monotonic() < deadline:
             bins = sorted(self._bins, key=lambda b: b - self._expanded[b] / BIN_EXPANSIONS, reverse=True)
             k = min(int(rng.geometric(FARTHEST_CHANCE)) - 1, len(bins) - 1)
@@ -140,15 +145,19 @@ class Search:
             self._expanded[bins[k]] += 1
             self._tried[state.niche] += 1
             self.expansions += 1
-            children = self._children(state) + (self._first() if self.expansions == 1 else [])
+            children = self._children(state) + (self._onward if self.expansions == 1 else [])
             easier, ends = self._repeated(children)
             children += easier + ends
             self._add(children)
             self._tell()
-            done = [x for x in children if x.progress >= goal - 1e-9 and self._founded(x)]
-            if done:
-                return self._answer(min(done, key=lambda x: x.regrasps))
+            if (answer := self._arrived(children)) is not None:
+                return self._answer(answer)
         return None
+
+    def _arrived(self, states: list[Node]) -> Node | None:
+        """The state at the goal with the fewest regrasps, of those to whose root the hand can get."""
+        done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
+        return next(filter(self._founded, sorted(done, key=lambda x: x.regrasps)), None)
 
     def _answer(self, x: Node) -> Node:
         """Removes a state at the goal; another search begins with another grasp, where there is one."""
@@ -181,7 +190,7 @@ class Search:
     @property
     def straight(self) -> bool:
         """Whether the object gets all the way from a start without a switch."""
-        return any(x.s >= self.moves.path.ticks for x in onward(self.moves, list(self.starts)))
+        return any(x.s >= self.moves.path.ticks for x in self._onward)
 
     @property
     def fraction(self) -> float:
@@ -234,8 +243,9 @@ class Search:
         ends = [self.period.completed(self.moves, x) for x in some]
         return easier, [x for x in ends if x is not None and self._founded(x)]
 
-    def _first(self) -> list[Node]:
-        """Where the starts get to along the nominal path."""
+    @cached_property
+    def _onward(self) -> list[Node]:
+        """Where the starts get to along the nominal path, as long as that is no answer yet."""
         reached = onward(self.moves, list(self.starts))
         self.moves.evaluate(reached)
         return reached

@@ -37,8 +37,8 @@ from drake_hand.plans.task import Grasp, Step, Task
 GAIT_SEARCHES, FREE_SEARCHES, BESIDE_GAITS = 6, 6, 3
 """Worked on in turn: searches for a motion that comes back, from the starts most at ease; for any motion, from the most
 promising ones; and how many of these beside those for a gait."""
-START_POSES = 16
-"""Start poses, at most, from which there is a grasp."""
+START_POSES, FEW_STARTS = 16, 4
+"""Start poses, at most, from which there is a grasp; and how many are tried where one lasts for the whole motion."""
 GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
 """Start poses for which a periodic gait is looked for, more of them as long as fewer than so many are found and none
 turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
@@ -73,10 +73,11 @@ def from_grasps(
         except NoPlanFound as e:
             failures.append(e)
         problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(free) / START_POSES)))
-        if len(free) == START_POSES or time.monotonic() > problem.deadline:
+        enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.search.straight for x in free))
+        if enough or time.monotonic() > problem.deadline:
             break
-    free.sort(key=lambda x: -x.search.farthest.score)  # type: ignore[union-attr]
-    straight = any(x.search.straight for x in free[:FREE_SEARCHES])
+    straight = any(x.search.straight for x in free)
+    free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
     for x, end in [] if straight else _gaits(problem, free):
         yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
     with problem.stage("grasp"):

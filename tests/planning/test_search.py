@@ -209,7 +209,7 @@ def test_what_follows_from_a_root_that_cannot_be_got_to_does_not_count(monkeypat
     search.begin([good, bad, far])
     assert search.farthest is far
     monkeypatch.setattr(search, "_children", lambda state: [])
-    monkeypatch.setattr(search, "_first", lambda: [])
+    monkeypatch.setattr(Search, "_onward", [])
     search.run(1, time.monotonic() + 60.0)
     assert search.farthest is good
     search.restart()
@@ -304,7 +304,7 @@ def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):
     m.evaluate([far])
     search, asked = Search(moves=m, able=lambda root: True), []
     monkeypatch.setattr(search, "_children", lambda state: asked.append(state) or [])
-    monkeypatch.setattr(search, "_first", lambda: [])
+    monkeypatch.setattr(Search, "_onward", [])
     search.begin([near, far])
     search.run(6 * BIN_EXPANSIONS, time.monotonic() + 60.0)
     assert asked.index(near) == 5 * BIN_EXPANSIONS, "five bins back"
@@ -349,6 +349,19 @@ def test_a_search_knows_whether_a_grasp_lasts_all_the_way():
 
     assert straight(turn(10.0))
     assert not straight(turn(340.0))
+
+
+def test_a_grasp_that_lasts_is_an_answer_at_once_and_the_next_one_after_it():
+    m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
+    asked: list[Node] = []
+    search = Search(moves=m, able=lambda root: asked.append(root) or len(asked) > 1)
+    search.begin(roots(m))
+    first, second = (search.run(1, time.monotonic() + 60.0) for _ in range(2))
+    assert search.expansions == 0
+    assert len(asked) == 3, "of those that last, no more are closed on than it takes"
+    assert [first.chain[0], second.chain[0]] == asked[1:]
+    assert first.s == second.s == m.path.ticks
+    assert search.fraction == 1.0
 
 
 def test_a_failure_says_whether_more_friction_would_let_a_finger_be_lifted():

@@ -46,17 +46,40 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         if task % 2:
             raise NoPlanFound("out of reach")
         farthest = SimpleNamespace(score=0.0)
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=True))
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=False))
 
     begun = []
     monkeypatch.setattr(searches, "_free", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
     problem = SimpleNamespace(
         deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
+
+
+@pytest.mark.parametrize(
+    ("lasting", "begun"),
+    [([0, 2], [2, 0, 3, 1]), ([7], [7, 6, 5, 4, 3, 2]), ([], [15, 14, 13, 12, 11, 10])],
+)
+def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeypatch, lasting, begun):
+    def grasps(problem, task, *_):
+        return SimpleNamespace(
+            task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=task in lasting)
+        )
+
+    some = []
+    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: some.extend(these) or iter(()))
+    problem = SimpleNamespace(
+        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+    )
+    assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
+    assert [x.task for x in some] == begun
 
 
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
