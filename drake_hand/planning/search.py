@@ -189,8 +189,8 @@ class Search:
 
     @property
     def straight(self) -> bool:
-        """Whether the object gets all the way from a start without a switch."""
-        return any(x.s >= self.moves.path.ticks for x in self._onward)
+        """Whether the object gets all the way without a switch, from a start that the hand can get to."""
+        return self._arrived(self._onward) is not None
 
     @property
     def fraction(self) -> float:

@@ -341,14 +341,15 @@ def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():
 
 
 def test_a_search_knows_whether_a_grasp_lasts_all_the_way():
-    def straight(step) -> bool:
+    def straight(step, able=lambda root: True) -> bool:
         m = moves(HAND, PENCIL, path(HAND, step))
-        search = Search(moves=m)
+        search = Search(moves=m, able=able)
         search.begin(roots(m))
         return search.straight
 
     assert straight(turn(10.0))
     assert not straight(turn(340.0))
+    assert not straight(turn(10.0), able=lambda root: False), "no hand gets there"
 
 
 def test_a_grasp_that_lasts_is_an_answer_at_once_and_the_next_one_after_it():
