@@ -105,23 +105,24 @@ def init(urdf: Path, /, *, output: Output, json: bool = False) -> int:
 
 
 @app.command
-def convert(urdf: Path, /, *, output: Output, json: bool = False) -> int:
-    """Write a copy of a URDF that Drake reads: meshes as OBJ, relative paths, sound inertias, transmissions.
+def convert(model: Path, /, *, output: Output, json: bool = False) -> int:
+    """Write a URDF that Drake reads: meshes as OBJ, relative paths, sound inertias, transmissions.
 
     ```console
     $ drake-hand hand convert my_hand.urdf -o converted/
+    $ drake-hand hand convert scene_right.xml -o converted/
     ```
 
     Args:
-        urdf: the model.
+        model: a URDF, or an MJCF model, which needs `pip install 'drake_hand[mujoco]'`.
         output: a folder other than the model's.
         json: print one JSON object on stdout.
     """
     from drake_hand.model.readable import write_readable
 
-    report = write_readable(urdf, output)
+    target, report = write_readable(model, output)
     if json:
-        print_json({"status": "written", "output": str(output / urdf.name), "repaired": report})
+        print_json({"status": "written", "output": str(target), "repaired": report})
         return 0
-    print("\n  - ".join([f"wrote {output / urdf.name}", *report]))
+    print("\n  - ".join([f"wrote {target}", *report]))
     return 0

@@ -89,9 +89,9 @@ def propose_hand(urdf: Urdf) -> Proposal:
     commanded = [urdf.joints[j] for j in hand.joints]
     remarks.append("defaults: acceleration, stiffness and damping are those of a small hand; state what yours can do")
     if spec.defaults.speed_deg_s is not None:
-        remarks.append(f"defaults: speed_deg_s is a guess, since the URDF has {_most(commanded, 'velocity')} rad/s")
+        remarks.append(f"defaults: speed_deg_s is a guess, since the URDF has {_most(commanded, 'velocity', 'rad/s')}")
     if spec.defaults.effort_nm is not None:
-        remarks.append(f"defaults: effort_nm is a guess, since the URDF has {_most(commanded, 'effort')} Nm")
+        remarks.append(f"defaults: effort_nm is a guess, since the URDF has {_most(commanded, 'effort', 'Nm')}")
     if spec.joints:
         remarks.append(f"joints: no limits in the URDF for {', '.join(spec.joints)}; -90 .. 90 deg is a guess")
     return Proposal(spec=msgspec.structs.replace(spec, fingers=fitted), remarks=tuple(remarks))
@@ -114,8 +114,9 @@ def _servos(urdf: Urdf, chains: list[list[Joint]]) -> dict[str, Any]:
     return {"defaults": defaults, "joints": {name: JointSpec(lower_deg=-90, upper_deg=90) for name in unlimited}}
 
 
-def _most(joints: list[Joint], key: str) -> str:
-    return f"up to {max(getattr(j, key) or 0.0 for j in joints):g}"
+def _most(joints: list[Joint], key: str, unit: str) -> str:
+    most = max(getattr(j, key) or 0.0 for j in joints)
+    return f"up to {most:g} {unit}" if most else "none"
 
 
 def _words(direction: np.ndarray) -> str:

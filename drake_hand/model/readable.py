@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -66,19 +68,26 @@ def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element
     return robot, report
 
 
-def write_readable(file: Path, folder: Path) -> list[str]:
-    """Writes a copy of a URDF that Drake reads: meshes beside it as OBJ, relative paths, transmissions.
+def write_readable(file: Path, folder: Path) -> tuple[Path, list[str]]:
+    """Writes a copy of a URDF, or of an MJCF model as a URDF, that Drake reads.
+
+    Meshes are written beside it as OBJ, with relative paths; joints get transmissions.
 
     Args:
-        file: the URDF.
+        file: the URDF or MJCF.
         folder: where ``<name>.urdf`` and ``meshes/`` are written; made if need be.
 
     Returns:
-        One line per thing put right.
+        The file written, and one line per thing put right or left out.
 
     Raises:
-        InputError: the URDF or one of its meshes is wrong, or would be overwritten.
+        InputError: the model or one of its meshes is wrong, or would be overwritten, or MuJoCo is not installed.
     """
+    if read_xml(file, "robot", "mujoco").tag == "mujoco":
+        with tempfile.TemporaryDirectory() as translated:
+            urdf, left_out = _mjcf().write_urdf(file, Path(translated))
+            target, report = write_readable(urdf, folder)
+        return target, left_out + report
     target = folder / file.name
     if target.resolve() == file.resolve():
         raise InputError("would overwrite the URDF itself", file=file, found=str(folder), expected="another folder")
@@ -97,9 +106,19 @@ def write_readable(file: Path, folder: Path) -> list[str]:
         write_obj(mesh, folder / name)
     write_atomic(target, write_xml(robot))
     kinds = sorted({mesh.suffix.lower() for mesh in names} - set(DRAKE_READS))
-    return report + (
-        [f"{len(names)} mesh files written as OBJ ({', '.join(kinds) or 'were readable'})"] if names else []
-    )
+    if names:
+        report.append(f"{len(names)} mesh files written as OBJ ({', '.join(kinds) or 'were readable'})")
+    return target, report
+
+
+def _mjcf() -> ModuleType:
+    """The module that needs MuJoCo."""
+    try:
+        from drake_hand.model import mjcf
+    except ImportError as e:
+        expected = "pip install 'drake_hand[mujoco]'"
+        raise InputError("MuJoCo is not installed, and reads MJCF", found="<mujoco>", expected=expected) from e
+    return mjcf
 
 
 def transmitted(robot: ET.Element) -> set[str]:

@@ -33,12 +33,13 @@ def drake_tag(name: str) -> str:
     return f"{{{_DRAKE}}}{name}"
 
 
-def read_xml(file: Path, tag: str) -> ET.Element:
+def read_xml(file: Path, tag: str, *others: str) -> ET.Element:
     """The root element of an XML file.
 
     Args:
         file: the file; Drake reads ``drake:`` tags without their namespace being declared, so this does too.
         tag: what the root element has to be.
+        others: what else it may be.
 
     Raises:
         InputError: unreadable, not XML, or another root.
@@ -59,6 +60,11 @@ def read_xml(file: Path, tag: str) -> ET.Element:
             found=" ".join(f'{k}="{v}"' for k, v in left.attrib.items()) or "a macro",
             expected=f"a plain URDF: `xacro {file.name} > {file.stem.removesuffix('.urdf')}.plain.urdf` expands it",
         )
+    if root.tag in others:
+        return root
+    if (tag, root.tag) == ("robot", "mujoco"):
+        expected = f"a URDF: `drake-hand hand convert {file.name} -o converted/` writes one"
+        raise InputError("this is MuJoCo's format (MJCF)", file=file, found="<mujoco>", expected=expected)
     if root.tag != tag:
         raise InputError("wrong kind of XML file", file=file, found=f"<{root.tag}>", expected=f"<{tag}>")
     if tag == "robot":

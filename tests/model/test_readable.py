@@ -82,7 +82,7 @@ def test_convert_makes_meshes_relative_and_readable(small, tmp_path):
     file = small({ball: '<mesh filename="part.stl"/>'}).with_name("small.urdf")
     text = file.read_text().replace(ball, '<mesh filename="package://whatever/deep/part.stl"/>', 1)
     file.write_text(text)
-    report = write_readable(file, tmp_path / "out")
+    _, report = write_readable(file, tmp_path / "out")
     written = (tmp_path / "out/small.urdf").read_text()
     assert 'filename="meshes/part.obj"' in written
     assert 'filename="meshes/part_1.obj"' in written
