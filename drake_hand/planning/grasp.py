@@ -29,8 +29,8 @@ SETS_DRAWN = 3000
 """Sets of contacts drawn at random."""
 TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
-SETS_EXAMINED = 300
-"""Of those that hold, how many are looked at more closely."""
+SETS_EXAMINED, SETS_EXPLAINED = 300, 60
+"""Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
 LASTING_FINGERS = 3
 """Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
@@ -123,7 +123,8 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
             break
     clear = clear[:SETS_EXAMINED]
     if not len(clear):
-        what, finger = _collide(moves, X, posture[held], touching[held])
+        some = held[:SETS_EXPLAINED]
+        what, finger = _collide(moves, X, posture[some], touching[some])
         raise fail(f"no set of contacts that balances the object is clear of collisions: {what}", "collision", finger)
     out = [Node(s=0.0, off=np.zeros(6), X=X, q=posture[i], touching=touching[i]) for i in clear]
     moves.evaluate(out)
@@ -246,7 +247,7 @@ def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndar
     shares = {key: float((gap < moves.world.clearance).mean()) for key, gap in gaps.items()}
     first, *others = sorted(shares, key=lambda key: -shares[key])[:3]
     said = [f"{words} in {shares[words, f]:.0%}" for words, f in (first, *others) if shares[words, f] > 0]
-    return f"of {len(posture)}, {', '.join(said)}", first[1]
+    return f"of the {len(posture)} best, {', '.join(said)}", first[1]
 
 
 def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:

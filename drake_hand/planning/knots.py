@@ -12,10 +12,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, Slerp
 
+from drake_hand.planning.failure import no_plan
 from drake_hand.plans.path import Leg
 
 RAMP_KNOTS = 7
 """Knots of a dwell over which a force is ramped."""
+MOST_KNOTS = 1500
+"""Of a leg: where these do not do, a contact point jumps, and more would not either."""
 
 
 def rests(leg: Leg) -> bool:
@@ -50,6 +53,9 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
         p_WP: (n, k, 3) contact points.
         f_W: (n, k, 3) forces.
         torque: that may be lost between knots, Nm.
+
+    Raises:
+        NoPlanFound: a contact point jumps, as from one convex piece of an object to the next.
     """
     out, changed = [], False
     for leg, a in zip(legs, starts, strict=False):
@@ -60,6 +66,10 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
             bend = (np.concatenate([bend[:1], bend]) + np.concatenate([bend, bend[-1:]])) / 2
             lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
             times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(lost.sum(axis=1), axis=1).max() / torque))))
+            if times > 1 and times * len(p) > MOST_KNOTS:
+                j = int(np.linalg.norm(bend, axis=2).max(axis=1).argmax())
+                what = f"a contact jumps {1e3 * np.linalg.norm(np.diff(p, axis=0)[j], axis=1).max():.2g} mm over an edge"
+                raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=leg.X_WO[j])
         changed |= times > 1
         out.append(resampled(leg, times) if times > 1 else leg)
     return out if changed else None
