@@ -153,6 +153,7 @@ def _hand_xml(hand: Hand, tips: list[Fingertip], report: list[str]) -> ET.Elemen
             ET.SubElement(joint, "limit", {key: f"{values[i]:.12g}" for key, values in limit.items()})
             if joint.get("type") == "continuous":
                 joint.set("type", "revolute")
+        report += _plausible_damping(joint, hand)
     for transmission in robot.findall("transmission"):
         if not {j.get("name") for j in transmission.findall("joint")} <= set(hand.joints):
             robot.remove(transmission)
@@ -172,6 +173,23 @@ def _hand_xml(hand: Hand, tips: list[Fingertip], report: list[str]) -> ET.Elemen
             ET.SubElement(mount, "parent", link=finger.tip_link)
             ET.SubElement(mount, "child", link=finger.tip_link + SHANK)
     return robot
+
+
+def _plausible_damping(joint: ET.Element, hand: Hand) -> list[str]:
+    """Leaves damping that would keep a joint from ever reaching its speed to the servo; the remark about it, if any."""
+    name = joint.get("name", "")
+    leader, multiplier, _ = hand.urdf.joints[name].mimic or (name, 1.0, 0.0)
+    remarks = []
+    for dynamics in joint.findall("dynamics") if leader in hand.joints else ():
+        i, damping = hand.joints.index(leader), float(dynamics.get("damping", 0.0))
+        needed = abs(multiplier) * damping * hand.speed[i]
+        if needed > hand.effort[i]:
+            joint.remove(dynamics)
+            remarks.append(
+                f"joint {name}: damping of {damping:g} N m s/rad would take {needed:.3g} N m at full speed, more than "
+                f"its effort of {hand.effort[i]:.3g} N m; that of the servo is used alone"
+            )
+    return remarks
 
 
 def _parse(plant: MultibodyPlant, robot: ET.Element, file: Path, report: list[str]) -> ModelInstanceIndex:

@@ -67,9 +67,9 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
             lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
             times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(lost.sum(axis=1), axis=1).max() / torque))))
             if times > 1 and times * len(p) > MOST_KNOTS:
-                j = int(np.linalg.norm(bend, axis=2).max(axis=1).argmax())
-                what = f"a contact jumps {1e3 * np.linalg.norm(np.diff(p, axis=0)[j], axis=1).max():.2g} mm over an edge"
-                raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=leg.X_WO[j])
+                steps = np.linalg.norm(np.diff(p, axis=0), axis=2).max(axis=1)
+                what, X_WO = f"a contact jumps {1e3 * steps.max():.2g} mm over an edge", leg.X_WO[steps.argmax()]
+                raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=X_WO)
         changed |= times > 1
         out.append(resampled(leg, times) if times > 1 else leg)
     return out if changed else None

@@ -51,6 +51,24 @@ def test_coupled_joints_follow(scene):
     assert scene.expand(np.stack([q, q])).shape == (2, 20)
 
 
+def test_damping_that_no_servo_overcomes_is_left_to_the_servo(small):
+    """The joints of this hand have 0.5 N m and 2 rad/s; a3 follows a2 at half its speed."""
+    follows = '<mimic joint="a2" multiplier="0.5" offset="0.1"/>'
+    named = {"a1": 0.24, "b1": 0.26}
+    changes = {
+        f'<joint name="{j}" type="revolute">': f'<joint name="{j}" type="revolute"><dynamics damping="{d}"/>'
+        for j, d in named.items()
+    }
+    scene = Scene(Hand.load(small(changes | {follows: follows + '<dynamics damping="0.6"/>'})))
+    damping = {
+        j: scene.plant.GetJointByName(j, scene.hand_model).default_damping_vector()[0] for j in ("a1", "b1", "a3")
+    }
+    assert damping == {"a1": 0.24, "b1": 0.0, "a3": 0.0}
+    said = [line for line in scene.report if "damping" in line]
+    assert [line.split(":")[0] for line in said] == ["joint a3", "joint b1"]
+    assert "0.26 N m s/rad would take 0.52 N m at full speed, more than its effort of 0.5 N m" in said[1]
+
+
 def test_palm_is_the_world_whatever_the_root(small):
     hand = Hand.load(small())
     scene = Scene(hand)

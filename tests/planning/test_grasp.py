@@ -32,6 +32,6 @@ def test_what_grasps_collide_with_is_named():
     touching[0] = True
     words, blamed = grasp._collide(moves, np.ascontiguousarray(X_WO[:3]), q, touching)
     assert "links of ring and the object in 100%" in words
-    assert words.startswith("of 2, ")
+    assert words.startswith("of the 2 best, ")
     assert hand.fingers[blamed].name in {f.name for f in hand.fingers if overlapping & set(f.links)}
     assert "palm" not in words

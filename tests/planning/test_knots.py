@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_hand.planning.knots import finer, resampled
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.knots import MOST_KNOTS, finer, resampled
 from drake_hand.plans.path import Leg
 
 KNOTS, TORQUE = 9, 1e-5
@@ -35,6 +36,20 @@ def test_knots_are_added_where_torque_would_be_lost_between_them():
     (most,) = finer_of(80.0, 16.0)
     assert KNOTS < len(more.q) < len(most.q)
     assert len(most.q) - 1 == pytest.approx(4 * (len(more.q) - 1), rel=0.3), "what is lost goes with the square"
+
+
+def test_where_a_contact_jumps_no_knots_are_close_enough():
+    def refined(n: int) -> int:
+        """Knots wanted where there are n."""
+        p = np.where(np.arange(n)[:, None] < 0.7 * n, [0.0, 0.0, 0.0], [0.003, 0.004, 0.0])[:, None]
+        f = np.tile([[0.0, 0.0, 1.0]], (n, 1, 1))
+        (more,) = finer([resampled(leg(), (n - 1) // (KNOTS - 1))], np.array([0, n - 1]), p, f, TORQUE)
+        return len(more.q)
+
+    assert KNOTS < refined(KNOTS) <= MOST_KNOTS
+    with pytest.raises(NoPlanFound, match="a contact jumps 5 mm over an edge, in mode 1") as e:
+        refined(1 + MOST_KNOTS // 16 * 8)
+    assert e.value.evidence.constraint == "continuous contact"
 
 
 def test_a_resampled_leg_is_the_same_motion():
