@@ -29,7 +29,7 @@ SETS_DRAWN = 3000
 """Sets of contacts drawn at random."""
 TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
-SETS_EXAMINED, SETS_EXPLAINED = 300, 60
+SETS_EXAMINED, SETS_EXPLAINED = 300, 20
 """Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
 LASTING_FINGERS = 3
 """Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
