@@ -23,6 +23,8 @@ from drake_hand.model.urdf import Joint, Urdf
 
 _FIT = 1.0e-3
 """m; a tip sphere that is farther off is worth a look."""
+FOLLOWING_JOINTS = 3
+"""It takes to keep a contact, without slip, on an object that moves in any direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +82,7 @@ def check_hand(ref: str | Path) -> HandReport:
         for f, tip in zip(hand.fingers, tips, strict=True)
         if tip.error > _FIT
     ]
+    remarks += _few_drives(hand)
     closing = hand.closing
     problems = [f"{a} and {b} overlap by {d * 1e3:.1f} mm at home" for a, b, d in overlaps(scene)]
     return HandReport(
@@ -105,6 +108,12 @@ def check_hand(ref: str | Path) -> HandReport:
         remarks=tuple(remarks),
         problems=tuple(problems),
     )
+
+
+def _few_drives(hand: Hand) -> list[str]:
+    """What to say of fingers that cannot follow a contact."""
+    few = [f"{f.name} ({len(f.joints)})" for f in hand.fingers if len(f.joints) < FOLLOWING_JOINTS]
+    return [f"too few drives to follow a contact in any direction, {FOLLOWING_JOINTS}: {', '.join(few)}"] if few else []
 
 
 def _rounded(direction: np.ndarray) -> tuple[float, float, float]:
@@ -136,8 +145,10 @@ def write_proposal(file: Path, output: Path) -> Proposal:
     require_folder(output)
     urdf = Urdf.load(file.resolve())
     proposal = propose_hand(urdf)
-    flaws = overlaps(Scene(Hand.build(proposal.spec, urdf, output)))
-    remarks = [f"ignore_collisions: {a} and {b} overlap by {d * 1e3:.1f} mm at home" for a, b, d in flaws]
+    hand = Hand.build(proposal.spec, urdf, output)
+    flaws = overlaps(Scene(hand))
+    remarks = _few_drives(hand)
+    remarks += [f"ignore_collisions: {a} and {b} overlap by {d * 1e3:.1f} mm at home" for a, b, d in flaws]
     spec = msgspec.structs.replace(
         proposal.spec,
         urdf=os.path.relpath(urdf.file, output.resolve().parent),

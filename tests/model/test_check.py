@@ -33,6 +33,15 @@ def test_flaws_are_named(small):
     assert any("wrist" in line and "fixed" in line for line in report.repaired)
 
 
+def test_fingers_that_cannot_follow_a_contact_are_named(small, tmp_path):
+    """Both of this hand's have two drives; those of `trio` have three."""
+    said = "too few drives to follow a contact in any direction, 3: "
+    assert said + "a (2), b (2)" in check_hand(small()).remarks
+    proposal = write_proposal(small().with_name("small.urdf"), tmp_path / "proposed.hand.yaml")
+    assert said + "finger_1 (2), finger_2 (2)" in proposal.remarks
+    assert not any("drives" in line for line in check_hand("trio").remarks)
+
+
 def test_urdf_without_hand_file(small):
     report = check_hand(small().with_name("small.urdf"))
     assert [f["name"] for f in report.fingers] == ["finger_1", "finger_2"]

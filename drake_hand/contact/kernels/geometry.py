@@ -33,6 +33,8 @@ class ShapeArrays(NamedTuple):
     """(T, 3, 3) of the triangles, m."""
     normals: np.ndarray
     """(T, 3)."""
+    balls: np.ndarray
+    """(T, 4) middle and radius of a ball around each triangle, m."""
     first_edge: np.ndarray
     """(G + 1,) a mesh's first sharp edge."""
     edges: np.ndarray
@@ -41,6 +43,10 @@ class ShapeArrays(NamedTuple):
     """(3,) of the box around all of it, m."""
     high: np.ndarray
     """(3,) m."""
+    middle: np.ndarray
+    """(G, 3) of the ball around each shape, m."""
+    reach: np.ndarray
+    """(G,) its radius, m."""
 
 
 def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
@@ -48,7 +54,11 @@ def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
     corners = [g.vertices[g.faces] if g.kind == "mesh" else np.zeros((0, 3, 3)) for g in geometries]
     T = np.concatenate(corners)
     normals = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
+    centres = T.mean(axis=1)
+    around = np.linalg.norm(T - centres[:, None], axis=2).max(axis=1)
     box = np.concatenate([g.box_O for g in geometries])
+    middle = np.stack([g.box_O.mean(axis=0) for g in geometries])
+    reach = [np.linalg.norm(_extreme(g) - m, axis=1).max() for g, m in zip(geometries, middle, strict=True)]
     return ShapeArrays(
         kind=np.array([_KINDS[g.kind] for g in geometries]),
         R=np.stack([np.ascontiguousarray(g.X_OG[:3, :3], dtype=float) for g in geometries]),
@@ -57,11 +67,19 @@ def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
         first=np.cumsum([0] + [len(c) for c in corners]),
         corners=np.ascontiguousarray(T),
         normals=np.ascontiguousarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
+        balls=np.ascontiguousarray(np.column_stack([centres, around])),
         first_edge=np.cumsum([0] + [len(g.sharp_edges) for g in geometries]),
         edges=np.ascontiguousarray(np.concatenate([g.sharp_edges for g in geometries])),
         low=box.min(axis=0),
         high=box.max(axis=0),
+        middle=middle,
+        reach=np.array(reach, dtype=float),
     )
+
+
+def _extreme(g: Geometry) -> np.ndarray:
+    """(K, 3) points in the body's frame; a ball around them is around the shape."""
+    return g.vertices @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] if g.kind == "mesh" else g.box_O
 
 
 @njit()
@@ -83,6 +101,10 @@ def closest(s, x, y, z, near):
 @njit()
 def closest_of(s, g, x, y, z, near):
     """As `closest`, of shape g alone."""
+    m = s.middle[g]
+    off = math.sqrt((x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2) - s.reach[g]
+    if off > near:
+        return x, y, z, 0.0, 0.0, 1.0, off
     R, t = s.R[g], s.p[g]
     dx, dy, dz = x - t[0], y - t[1], z - t[2]
     px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
@@ -176,9 +198,12 @@ def _mesh(px, py, pz, s, first, last, near):
     n = s.normals[best]
     if height <= 0.0 or height > near:
         return px - height * n[0], py - height * n[1], pz - height * n[2], n[0], n[1], n[2], height
-    fx, fy, fz, least = 0.0, 0.0, 0.0, np.inf
+    fx, fy, fz, least, reach = 0.0, 0.0, 0.0, np.inf, np.inf
     for k in range(first - 1, last):
         t = best if k < first else k
+        b = s.balls[t]
+        if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
+            continue
         T, n = s.corners[t], s.normals[t]
         h = (px - T[0, 0]) * n[0] + (py - T[0, 1]) * n[1] + (pz - T[0, 2]) * n[2]
         # Only faces that see the query can be nearest.
@@ -187,7 +212,7 @@ def _mesh(px, py, pz, s, first, last, near):
         x, y, z = _triangle(px, py, pz, T)
         d = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
         if d < least:
-            fx, fy, fz, least = x, y, z, d
+            fx, fy, fz, least, reach = x, y, z, d, math.sqrt(d)
     nx, ny, nz, d = _outward(px, py, pz, fx, fy, fz)
     return fx, fy, fz, nx, ny, nz, d
 

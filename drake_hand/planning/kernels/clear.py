@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
@@ -11,6 +12,8 @@ from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
+FEW_SPHERES = 3
+"""Of a group: so few are asked one by one; of more, it is asked first whether the group is clear of the object."""
 SUNK_M = 2e-5
 """How deep poses of an object that lies on the table may be in it, m: a fifth of what the certificate allows."""
 
@@ -23,19 +26,27 @@ def _carried(p, R, x, out):
 
 @njit()
 def place(w, f, q, s):
-    """Puts the frames and spheres of finger f where they are at q (m,)."""
+    """Puts the frames and groups of spheres of finger f where they are at q (m,)."""
     c = w.cover
-    frames(w.chains, f, q, s.p, s.R)
-    _spread(c, f, s)
+    frames(w.chains, f, q, s.p_placed, s.R_placed)
+    for i in range(3):
+        s.low[f, i], s.high[f, i] = np.inf, -np.inf
+    for g in range(c.first[f], c.first[f + 1]):
+        a, at = c.axis[g], s.groups[g]
+        _carried(s.p_placed[a], s.R_placed[a], c.p[g], at)
+        s.spread[g] = False
+        for i in range(3):
+            s.low[f, i], s.high[f, i] = min(s.low[f, i], at[i] - c.r[g]), max(s.high[f, i], at[i] + c.r[g])
 
 
 @njit()
-def _spread(c, f, s):
-    for g in range(c.first[f], c.first[f + 1]):
+def _spread(c, g, s):
+    """Puts the spheres of a placed group where they are."""
+    if not s.spread[g]:
         a = c.axis[g]
-        _carried(s.p[a], s.R[a], c.p[g], s.groups[g])
         for k in range(c.spheres[g], c.spheres[g + 1]):
-            _carried(s.p[a], s.R[a], c.p_sphere[k], s.spheres[k])
+            _carried(s.p_placed[a], s.R_placed[a], c.p_sphere[k], s.spheres[k])
+        s.spread[g] = True
 
 
 @njit()
@@ -55,8 +66,13 @@ def off_object(w, f, X, s, with_tip, least):
         if c.tip[g] and not with_tip:
             continue
         x, y, z = into(X, s.groups[g])
-        if _outside(b, x, y, z) >= c.r[g] + least:
+        need = c.r[g] + least
+        if _outside(b, x, y, z) >= need:
             continue
+        many = c.spheres[g + 1] - c.spheres[g] > FEW_SPHERES
+        if many and closest(b, x, y, z, need)[6] >= need:
+            continue
+        _spread(c, g, s)
         for k in range(c.spheres[g], c.spheres[g + 1]):
             need = c.r_sphere[k] + least
             x, y, z = into(X, s.spheres[k])
@@ -89,6 +105,7 @@ def off_palm(w, f, s, least):
     for g in range(c.first[f], c.first[f + 1]):
         p = s.groups[g]
         if _above(w.table, p) < c.r[g] + least:
+            _spread(c, g, s)
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 if _above(w.table, s.spheres[k]) < c.r_sphere[k] + least:
                     return False
@@ -98,6 +115,7 @@ def off_palm(w, f, s, least):
             need = c.r[g] + least
             if not c.still[g, h] or closest_of(b, h, p[0], p[1], p[2], need)[6] >= need:
                 continue
+            _spread(c, g, s)
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 need, x = c.r_sphere[k] + least, s.spheres[k]
                 if _outside(b, x[0], x[1], x[2]) < need and closest_of(b, h, x[0], x[1], x[2], need)[6] < need:
@@ -110,11 +128,17 @@ def apart(w, i, j, s, least):
     """Whether two placed fingers are clear of each other."""
     c = w.cover
     for g in range(c.first[i], c.first[i + 1]):
-        a = s.groups[g]
+        a, beside = s.groups[g], 0.0
+        for x in range(3):
+            beside += max(s.low[j, x] - a[x], a[x] - s.high[j, x], 0.0) ** 2
+        if beside >= (c.r[g] + least) ** 2:
+            continue
         for h in range(c.first[j], c.first[j + 1]):
             b, reach = s.groups[h], c.r[g] + c.r[h] + least
             if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 >= reach * reach:
                 continue
+            _spread(c, g, s)
+            _spread(c, h, s)
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 x, rx = s.spheres[k], c.r_sphere[k] + least
                 for m in range(c.spheres[h], c.spheres[h + 1]):

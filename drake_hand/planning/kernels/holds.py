@@ -77,7 +77,7 @@ def held_along(w, f, waiting, waits, X, q0, n0, height, q, p_WP, n_W, J_WP, leng
             continue
         q[i, 0] = q0[i]
         place(w, f, q0[i], s)
-        s.force[0], s.force[1], s.force[2] = tip(w.chains, f, s.p, s.R)
+        s.force[0], s.force[1], s.force[2] = tip(w.chains, f, s.p_placed, s.R_placed)
         fixed[0], fixed[1], fixed[2] = into(X[0], s.force)
         twist[:] = 0.0
         for k in range(len(X)):

@@ -151,7 +151,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
         for f in range(n):
             place(w, f, q0[i, f], s)
             if touching[i, f]:
-                x, y, z = tip(w.chains, f, s.p, s.R)
+                x, y, z = tip(w.chains, f, s.p_placed, s.R_placed)
                 s.half[:] = 0.0
                 s.force[0], s.force[1], s.force[2] = x, y, z
                 fixed[f, 0], fixed[f, 1], fixed[f, 2] = into(X[i, 0], s.force)

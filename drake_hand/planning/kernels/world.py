@@ -119,8 +119,17 @@ class Scratch(NamedTuple):
 
     p: np.ndarray
     R: np.ndarray
+    p_placed: np.ndarray
+    """(A, 3) frames of fingers where they were placed last: the others are those of any question in between."""
+    R_placed: np.ndarray
     groups: np.ndarray
+    """(G, 3) middles of groups of spheres, in W."""
+    spread: np.ndarray
+    """(G,) whether the spheres of a group are where it is: they are put there when they are asked for."""
     spheres: np.ndarray
+    low: np.ndarray
+    """(n, 3) of the box around each finger, in W."""
+    high: np.ndarray
     J: np.ndarray
     rate: np.ndarray
     half: np.ndarray
@@ -143,8 +152,13 @@ def scratch(w):
     return Scratch(
         np.zeros((A, 3)),
         np.zeros((A, 3, 3)),
+        np.zeros((A, 3)),
+        np.zeros((A, 3, 3)),
         np.full((G, 3), 1e3),
+        np.ones(G, dtype=np.bool_),
         np.full((S, 3), 1e3),
+        np.full((n, 3), 1e3),
+        np.full((n, 3), 1e3),
         np.zeros((3, m)),
         np.zeros(m),
         np.zeros(m),
@@ -171,8 +185,8 @@ def _types() -> tuple[numba.types.Type, ...]:
         floats(0, 0), floats(0, 0),
     )  # fmt: skip
     solid = ShapeArrays(
-        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), ints, floats(0, 2, 3),
-        floats(3), floats(3),
+        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), floats(0, 4), ints,
+        floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
     )  # fmt: skip
     cover = Cover(
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), np.zeros((0, 0), dtype=np.bool_),
