@@ -193,6 +193,11 @@ class Search:
         return self._arrived(self._onward) is not None
 
     @property
+    def lasting(self) -> float:
+        """Share of the motion that the object gets from a start without a switch."""
+        return max((x.s for x in self._onward), default=0.0) / max(self.moves.path.ticks, 1)
+
+    @property
     def fraction(self) -> float:
         """Share of the motion that was reached."""
         return 0.0 if self.farthest is None else self._share(self.farthest)

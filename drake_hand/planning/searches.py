@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning import approach, gait, grasp, steps
+from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
@@ -39,6 +39,9 @@ GAIT_SEARCHES, FREE_SEARCHES, BESIDE_GAITS = 6, 6, 3
 promising ones; and how many of these beside those for a gait."""
 START_POSES, FEW_STARTS = 16, 4
 """Start poses, at most, from which there is a grasp; and how many are tried where one lasts for the whole motion."""
+STARTS_BESIDE, NEARLY = 12, 0.4
+"""Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
+lasts for this share of the motion."""
 GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
 """Start poses for which a periodic gait is looked for, more of them as long as fewer than so many are found and none
 turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
@@ -76,6 +79,9 @@ def from_grasps(
         enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.search.straight for x in free))
         if enough or time.monotonic() > problem.deadline:
             break
+    if problem.task.start == "auto" and not begun:
+        with problem.stage("grasp"):
+            free += _beside(problem, free, wanted, moving, then)
     straight = any(x.search.straight for x in free)
     free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
     for x, end in [] if straight else _gaits(problem, free):
@@ -104,6 +110,30 @@ def _free(
     search = Search(moves=moves, able=lambda x: _closed(problem, builder.copy(), x), progress=problem.progress)
     search.begin(roots)
     return Attempt(task=task, builder=builder, search=search)
+
+
+def _beside(
+    problem: Problem, free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
+) -> list[Attempt]:
+    """Searches that begin beside the start whose grasps last longest, where none lasts to the end but some nearly do.
+
+    Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
+    """
+    best = max(free, key=lambda x: x.search.lasting, default=None)
+    if best is None or best.search.straight or best.search.lasting < NEARLY:
+        return []
+    found: list[Attempt] = []
+    rng = np.random.default_rng(problem.task.options.seed)
+    tried = 0
+    while tried < STARTS_BESIDE and not best.search.straight and time.monotonic() < problem.deadline:
+        task, tried = start.beside(best.task, rng), tried + 1
+        try:
+            found.append(_free(problem, task, problem.builder(task), wanted, moving, then))
+        except NoPlanFound:
+            continue
+        if found[-1].search.straight or found[-1].search.lasting > best.search.lasting:
+            best, tried = found[-1], 0
+    return found
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:

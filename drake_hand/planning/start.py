@@ -20,7 +20,7 @@ from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.object_path import MOVING_KINDS, as_pose, build, pose
 from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
-from drake_hand.plans.task import Task, Vector
+from drake_hand.plans.task import Pose, Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 POSES_DRAWN = 400
@@ -43,6 +43,8 @@ _OPPOSITE = -0.7
 """Largest cosine between normals that two fingers press on from opposite sides."""
 _JITTER = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
+BESIDE_M, BESIDE_RAD = 5.0e-3, np.radians(10.0)
+"""How far a pose beside another is from it along each axis, and how much it is turned, standard deviations."""
 MOST_LEAN_RAD = np.radians(30.0)
 """How far the object's long axis may lean from the line of the finger bases."""
 
@@ -127,6 +129,15 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
             best = sorted([*best, worth])[-POSES_OFFERED:]
     order = sorted(range(len(found)), key=lambda k: -found[k][0])
     return [found[k][1] for k in order[:POSES_OFFERED]]
+
+
+def beside(task: Task, rng: np.random.Generator) -> Task:
+    """The task with a start pose close to its own."""
+    assert isinstance(task.start, Pose)
+    X = pose(task.start)
+    X[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, BESIDE_RAD, 3)).as_matrix() @ X[:3, :3]
+    X[:3, 3] += rng.normal(0.0, BESIDE_M, 3)
+    return msgspec.structs.replace(task, start=as_pose(X))
 
 
 def _looking_alike(surface: Surface, angle: float) -> np.ndarray:
