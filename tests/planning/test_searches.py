@@ -54,7 +54,11 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
     problem = SimpleNamespace(
-        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+        deadline=np.inf,
+        stage=lambda name: nullcontext(),
+        progress=lambda p: None,
+        builder=lambda task: None,
+        task=SimpleNamespace(start=None),
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
@@ -76,10 +80,56 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: some.extend(these) or iter(()))
     problem = SimpleNamespace(
-        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+        deadline=np.inf,
+        stage=lambda name: nullcontext(),
+        progress=lambda p: None,
+        builder=lambda task: None,
+        task=SimpleNamespace(start=None),
     )
     assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
     assert [x.task for x in some] == begun
+
+
+def problem_of(start: object) -> SimpleNamespace:
+    task = SimpleNamespace(start=start, options=SimpleNamespace(seed=0))
+    return SimpleNamespace(deadline=np.inf, task=task, builder=lambda task: None)
+
+
+@pytest.mark.parametrize(
+    ("lasting", "tried"),
+    [
+        ({0: 0.6, 1: 0.7, 2: 0.65, 3: 1.0, 4: 1.0}, [1, 2, 3]),  # until one lasts all the way
+        ({0: 0.6} | dict.fromkeys(range(1, 40), 0.5), [*range(1, 1 + searches.STARTS_BESIDE)]),  # none is better
+        ({0: 0.6, 5: 0.61} | dict.fromkeys([1, 2, 3, 4, *range(6, 40)], 0.1), [*range(1, 6 + searches.STARTS_BESIDE)]),
+        ({0: searches.NEARLY - 0.01, 1: 1.0}, []),
+        ({0: 1.0, 1: 1.0}, []),
+        ({}, []),
+    ],
+)
+def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch, lasting, tried):
+    def attempt(k: int) -> SimpleNamespace:
+        search = SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0)
+        return SimpleNamespace(task=k, search=search)
+
+    asked, beside = [], []
+    monkeypatch.setattr(searches, "_free", lambda problem, task, *_: asked.append(task) or attempt(task))
+    monkeypatch.setattr(searches.start, "beside", lambda task, rng: beside.append(task) or len(beside))
+    free = [attempt(0)] if lasting else []
+    found = searches._beside(problem_of("auto"), free, Grasp(), [], [])
+    assert [x.task for x in found] == asked == tried
+    best = [max(range(k), key=lambda x: (lasting[x], -x)) for k in tried]
+    assert beside == best, "each step is taken from the best so far"
+
+
+def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
+    first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, straight=False))
+
+    def none(*_):
+        raise NoPlanFound("out of reach")
+
+    monkeypatch.setattr(searches, "_free", none)
+    monkeypatch.setattr(searches.start, "beside", lambda task, rng: task)
+    assert searches._beside(problem_of("auto"), [first], Grasp(), [], []) == []
 
 
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
@@ -94,7 +144,11 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.extend(some) or iter(()))
     problem = SimpleNamespace(
-        deadline=np.inf, stage=lambda name: nullcontext(), progress=lambda p: None, builder=lambda task: None
+        deadline=np.inf,
+        stage=lambda name: nullcontext(),
+        progress=lambda p: None,
+        builder=lambda task: None,
+        task=SimpleNamespace(start=None),
     )
     assert list(searches.from_grasps(problem, [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
