@@ -127,6 +127,7 @@ class Search:
         last = self.expansions + budget
         if not self.expansions and (answer := self._arrived(self._onward)) is not None:
             self._onward.remove(answer)
+            self.moves.evaluate([answer])
             self._add([answer])
             return self._answer(answer)
         while self.expansions < last and self._bins and time.monotonic() < deadline:
@@ -145,7 +146,10 @@ class Search:
             self._expanded[bins[k]] += 1
             self._tried[state.niche] += 1
             self.expansions += 1
-            children = self._children(state) + (self._onward if self.expansions == 1 else [])
+            children = self._children(state)
+            if self.expansions == 1:
+                self.moves.evaluate(self._onward)
+                children += self._onward
             easier, ends = self._repeated(children)
             children += easier + ends
             self._add(children)
@@ -251,9 +255,7 @@ class Search:
     @cached_property
     def _onward(self) -> list[Node]:
         """Where the starts get to along the nominal path, as long as that is no answer yet."""
-        reached = onward(self.moves, list(self.starts))
-        self.moves.evaluate(reached)
-        return reached
+        return onward(self.moves, list(self.starts))
 
     def _founded(self, x: Node) -> bool:
         """Whether the hand can get to the root of a state."""

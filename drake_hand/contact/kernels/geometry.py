@@ -101,10 +101,11 @@ def closest(s, x, y, z, near):
 @njit()
 def closest_of(s, g, x, y, z, near):
     """As `closest`, of shape g alone."""
-    m = s.middle[g]
-    off = math.sqrt((x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2) - s.reach[g]
-    if off > near:
-        return x, y, z, 0.0, 0.0, 1.0, off
+    if len(s.kind) > 1:
+        m = s.middle[g]
+        off = math.sqrt((x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2) - s.reach[g]
+        if off > near:
+            return x, y, z, 0.0, 0.0, 1.0, off
     R, t = s.R[g], s.p[g]
     dx, dy, dz = x - t[0], y - t[1], z - t[2]
     px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
@@ -201,13 +202,13 @@ def _mesh(px, py, pz, s, first, last, near):
     fx, fy, fz, least, reach = 0.0, 0.0, 0.0, np.inf, np.inf
     for k in range(first - 1, last):
         t = best if k < first else k
-        b = s.balls[t]
-        if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
-            continue
         T, n = s.corners[t], s.normals[t]
         h = (px - T[0, 0]) * n[0] + (py - T[0, 1]) * n[1] + (pz - T[0, 2]) * n[2]
         # Only faces that see the query can be nearest.
         if h <= 0.0 or h * h >= least:
+            continue
+        b = s.balls[t]
+        if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
             continue
         x, y, z = _triangle(px, py, pz, T)
         d = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2

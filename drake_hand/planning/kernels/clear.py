@@ -12,7 +12,7 @@ from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
-FEW_SPHERES = 3
+FEW_SPHERES = 12
 """Of a group: so few are asked one by one; of more, it is asked first whether the group is clear of the object."""
 SUNK_M = 2e-5
 """How deep poses of an object that lies on the table may be in it, m: a fifth of what the certificate allows."""
