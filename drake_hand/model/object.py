@@ -19,7 +19,7 @@ from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import find_mesh, read_mesh, to_drake
 from drake_hand.model.sdf import sdf_to_urdf
 from drake_hand.model.solid import read_solid
-from drake_hand.model.xml import Source, read_origin, read_xml, write_origin, write_xml
+from drake_hand.model.xml import Source, drawn, read_origin, read_xml, write_origin, write_xml
 
 __all__ = ["Geometry", "Object"]
 
@@ -215,12 +215,15 @@ def _corners(geometries: Iterable[Geometry]) -> np.ndarray:
 
 
 def _body_xml(robot: ET.Element, link: str, inertial: Inertial, find: Callable[[str], Path]) -> str:
-    """Body and visuals for Drake's parser: meshes converted and absolute, mass as read."""
+    """Body and visuals for Drake's parser: meshes converted and absolute, mass as read.
+
+    Where the file draws nothing, the collision shapes are drawn.
+    """
     out = ET.Element("robot", name=robot.get("name") or link)
     out.extend(copy.deepcopy(robot.findall("material")))
     body = ET.SubElement(out, "link", name=link)
     inertial.write(body)
-    body.extend(copy.deepcopy(robot.findall("link/visual")))
+    body.extend(drawn(robot.findall("link")[0]))
     for mesh in body.iter("mesh"):
         mesh.set("filename", str(to_drake(find(mesh.get("filename", "")))))
     return write_xml(out)

@@ -16,7 +16,7 @@ from drake_hand.files import make_folder, require_place, write_atomic
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.meshes import DRAKE_READS, find_mesh, write_obj
 from drake_hand.model.urdf import Urdf
-from drake_hand.model.xml import Source, read_origin, read_xml, write_xml
+from drake_hand.model.xml import Source, drawn, read_origin, read_xml, write_xml
 
 _LIGHT = Inertial(mass=1.0e-3, p_LCom=np.zeros(3), I_LCom=np.eye(3) * 1.0e-7)
 """What a moving body gets that has no mass at all: a small nylon part."""
@@ -24,6 +24,8 @@ _LIGHT = Inertial(mass=1.0e-3, p_LCom=np.zeros(3), I_LCom=np.eye(3) * 1.0e-7)
 
 def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element, list[str]]:
     """The XML of a URDF with meshes, inertias and transmissions as Drake needs them.
+
+    Where the file draws nothing at all, the collision shapes are drawn.
 
     Args:
         urdf: the structure, already found sound.
@@ -38,7 +40,10 @@ def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element
     robot = read_xml(urdf.file, "robot")
     report: list[str] = []
     inertials: dict[str, Inertial] = {}
+    draws = robot.find("link/visual") is not None
     for link in robot.findall("link"):
+        if not draws:
+            link.extend(drawn(link))
         name = link.get("name", "")
         _shapes(link, urdf.file, rename_mesh)
         source = _source(urdf.file, f"link {name}: inertial")

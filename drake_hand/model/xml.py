@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,6 +118,14 @@ class Source:
         if len(values) != n or (positive and not (values > 0).all()):
             raise self.error("wrong numbers", text, expected)
         return values
+
+
+def drawn(link: ET.Element) -> list[ET.Element]:
+    """What is seen of a link, as new elements: its visuals, or else its collision shapes."""
+    shapes = copy.deepcopy(link.findall("visual") or link.findall("collision"))
+    for shape in shapes:
+        shape.tag = "visual"
+    return shapes
 
 
 def write_origin(element: ET.Element, X: np.ndarray) -> None:

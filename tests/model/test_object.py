@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from xml.etree import ElementTree as ET
+
 import numpy as np
 import pytest
 import trimesh
@@ -189,3 +191,11 @@ def test_ycb_objects_come_in_convex_pieces(models, name, pieces):
     thing = Object.load(models / "objects/ycb" / name / "model.urdf")
     assert len(thing.geometries) == pieces
     assert all(g.to_trimesh().is_convex for g in thing.geometries)
+
+
+def test_an_object_that_draws_nothing_is_seen_as_its_collision_shapes(load):
+    bare = load(URDF)
+    assert "<visual" not in URDF
+    shapes = ET.fromstring(bare.body_xml).findall("link/visual/geometry/*")
+    assert [s.tag for s in shapes] == [s.tag for s in ET.fromstring(URDF).findall("link/collision/geometry/*")]
+    assert "<collision" not in bare.body_xml

@@ -13,6 +13,7 @@ from drake_hand.errors import InputError
 from drake_hand.model.readable import readable, write_readable
 from drake_hand.model.urdf import Urdf
 
+SEEN = '<visual><geometry><sphere radius="0.01"/></geometry></visual>'
 MASS = '<mass value="0.01"/>'
 TENSOR = 'ixx="1e-6" iyy="1e-6"'
 
@@ -127,3 +128,12 @@ def _proximity():
     from pydrake.geometry import Role
 
     return Role.kProximity
+
+
+def test_a_hand_that_draws_nothing_is_seen_as_its_collision_shapes(small):
+    file = small().with_name("small.urdf")
+    robot, _ = readable(Urdf.load(file), str)
+    assert len(robot.findall("link/visual")) == len(robot.findall("link/collision")) > 0
+    file.write_text(file.read_text().replace("<collision>", f"{SEEN}<collision>", 1))
+    robot, _ = readable(Urdf.load(file), str)
+    assert len(robot.findall("link/visual")) == 1, "what is drawn is left as it is"
