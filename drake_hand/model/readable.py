@@ -88,6 +88,7 @@ def write_readable(file: Path, folder: Path) -> tuple[Path, list[str]]:
     Raises:
         InputError: the model or one of its meshes is wrong, or would be overwritten, or MuJoCo is not installed.
     """
+    require_place(folder)
     if read_xml(file, "robot", "mujoco").tag == "mujoco":
         with tempfile.TemporaryDirectory() as translated:
             urdf, left_out = _mjcf().write_urdf(file, Path(translated))
@@ -104,7 +105,6 @@ def write_readable(file: Path, folder: Path) -> tuple[Path, list[str]]:
             names[mesh] = next(n for n in (f"meshes/{s}.obj" for s in stems) if n not in names.values())
         return names[mesh]
 
-    require_place(folder)
     robot, report = readable(Urdf.load(file), rename)
     make_folder(folder)
     for mesh, name in names.items():

@@ -131,7 +131,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     return [found[k][1] for k in order[:POSES_OFFERED]]
 
 
-def beside(task: Task, rng: np.random.Generator) -> Task:
+def close_by(task: Task, rng: np.random.Generator) -> Task:
     """The task with a start pose close to its own."""
     assert isinstance(task.start, Pose)
     X = pose(task.start)

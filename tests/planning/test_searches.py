@@ -113,7 +113,7 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
 
     asked, beside = [], []
     monkeypatch.setattr(searches, "_free", lambda problem, task, *_: asked.append(task) or attempt(task))
-    monkeypatch.setattr(searches.start, "beside", lambda task, rng: beside.append(task) or len(beside))
+    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: beside.append(task) or len(beside))
     free = [attempt(0)] if lasting else []
     found = searches._beside(problem_of("auto"), free, Grasp(), [], [])
     assert [x.task for x in found] == asked == tried
@@ -128,7 +128,7 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
         raise NoPlanFound("out of reach")
 
     monkeypatch.setattr(searches, "_free", none)
-    monkeypatch.setattr(searches.start, "beside", lambda task, rng: task)
+    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: task)
     assert searches._beside(problem_of("auto"), [first], Grasp(), [], []) == []
 
 

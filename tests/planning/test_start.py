@@ -15,7 +15,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.object_path import as_pose
 from drake_hand.planning.planner import find_paths
-from drake_hand.planning.start import POSES_OFFERED, beside, palms, variants
+from drake_hand.planning.start import POSES_OFFERED, close_by, palms, variants
 from drake_hand.planning.world import world
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task
@@ -87,13 +87,13 @@ def test_starts_depend_on_the_seed_alone(clearance, auto):
 
 def test_a_start_beside_is_close_but_another():
     task = spin(start=as_pose(np.eye(4)))
-    some = [beside(task, np.random.default_rng(k)) for k in range(40)]
+    some = [close_by(task, np.random.default_rng(k)) for k in range(40)]
     p = np.array([x.start.xyz_mm for x in some])
     turned = [Rotation.from_euler("xyz", x.start.rpy_deg, degrees=True).magnitude() for x in some]
     assert 2.0 < p.std() < 8.0
     assert np.abs(p).max() < 25.0
     assert np.radians(5.0) < np.mean(turned) < np.radians(35.0)
-    assert beside(task, np.random.default_rng(3)) == some[3]
+    assert close_by(task, np.random.default_rng(3)) == some[3]
 
 
 def test_the_path_says_which_palm_it_is_for():
