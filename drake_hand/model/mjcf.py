@@ -22,7 +22,7 @@ from drake_hand.files import make_folder, write_atomic
 from drake_hand.model.inertia import Inertial
 from drake_hand.model.xml import drake_tag, write_origin, write_xml
 
-WORLD = "ground"
+GROUND = "ground"
 """Link that stands for what does not move; Drake keeps the name `world` for itself."""
 HIDDEN_GROUP = 3
 """The first group of shapes that MuJoCo's viewer does not show unless asked."""
@@ -82,7 +82,7 @@ class _Writer:
         trees = self._trees()
         grounded = len(trees) > 1 or any(self._joints(b) for b in trees)
         if grounded:
-            ET.SubElement(robot, "link", name=WORLD)
+            ET.SubElement(robot, "link", name=GROUND)
         for b in range(1, m.nbody):
             if int(m.body_rootid[b]) in trees:
                 self._link(robot, b)
@@ -119,7 +119,7 @@ class _Writer:
         return out
 
     def _name(self, b: int) -> str:
-        return (self.model.body(b).name or f"body_{b}") if b else WORLD
+        return (self.model.body(b).name or f"body_{b}") if b else GROUND
 
     def _joint_name(self, j: int) -> str:
         return self.model.joint(j).name or f"joint_{j}"
