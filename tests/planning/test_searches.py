@@ -21,6 +21,16 @@ def attempts(angle_deg: float, regrasps: list[int | None]) -> list:
     return [SimpleNamespace(search=search, gait=n and SimpleNamespace(regrasps=n)) for n in regrasps]
 
 
+def problem_of(start: object) -> SimpleNamespace:
+    return SimpleNamespace(
+        deadline=np.inf,
+        stage=lambda name: nullcontext(),
+        progress=lambda p: None,
+        builder=lambda task: None,
+        task=SimpleNamespace(start=start, options=SimpleNamespace(seed=0)),
+    )
+
+
 @pytest.mark.parametrize(
     ("regrasps", "taken", "looked_at"),
     [
@@ -53,14 +63,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
-    problem = SimpleNamespace(
-        deadline=np.inf,
-        stage=lambda name: nullcontext(),
-        progress=lambda p: None,
-        builder=lambda task: None,
-        task=SimpleNamespace(start=None),
-    )
-    assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
+    assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
 
 
@@ -79,20 +82,8 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: some.extend(these) or iter(()))
-    problem = SimpleNamespace(
-        deadline=np.inf,
-        stage=lambda name: nullcontext(),
-        progress=lambda p: None,
-        builder=lambda task: None,
-        task=SimpleNamespace(start=None),
-    )
-    assert list(searches.from_grasps(problem, list(range(40)), Grasp(), [], [])) == []
+    assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert [x.task for x in some] == begun
-
-
-def problem_of(start: object) -> SimpleNamespace:
-    task = SimpleNamespace(start=start, options=SimpleNamespace(seed=0))
-    return SimpleNamespace(deadline=np.inf, task=task, builder=lambda task: None)
 
 
 @pytest.mark.parametrize(
@@ -143,14 +134,7 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.extend(some) or iter(()))
-    problem = SimpleNamespace(
-        deadline=np.inf,
-        stage=lambda name: nullcontext(),
-        progress=lambda p: None,
-        builder=lambda task: None,
-        task=SimpleNamespace(start=None),
-    )
-    assert list(searches.from_grasps(problem, [2, 5, 4], Grasp(), [], [])) == []
+    assert list(searches.from_grasps(problem_of(None), [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
     assert [x.task for x in begun if not x.search.period] == [2, 5, 4]
 
