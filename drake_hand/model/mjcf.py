@@ -27,6 +27,7 @@ GROUND = "ground"
 HIDDEN_GROUP = 3
 """The first group of shapes that MuJoCo's viewer does not show unless asked."""
 _KINDS = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k}")): k.lower() for k in ("FREE", "BALL", "SLIDE", "HINGE")}
+_URDF_TYPES = {"slide": "prismatic", "hinge": "revolute"}
 _SHAPES = {
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{k}")): k.lower()
     for k in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
@@ -107,16 +108,10 @@ class _Writer:
         return [b for b in on_world if b in moving]
 
     def _joints(self, b: int) -> list[int]:
-        """Hinges and slides of a body."""
-        m, out = self.model, []
-        for j in range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b]):
-            kind = _KINDS[int(m.jnt_type[j])]
-            if kind == "ball":
-                key, what = f"joint {self._joint_name(j)}", "a URDF has no such joint"
-                raise InputError(what, file=self.file, key=key, found=kind, expected="hinges and slides")
-            if kind != "free":
-                out.append(j)
-        return out
+        """Joints of a body, but for one that leaves it free."""
+        m = self.model
+        own = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
+        return [j for j in own if _KINDS[int(m.jnt_type[j])] != "free"]
 
     def _name(self, b: int) -> str:
         return (self.model.body(b).name or f"body_{b}") if b else GROUND
@@ -148,8 +143,11 @@ class _Writer:
     def _joint(self, robot: ET.Element, j: int | None, parent: str, child: str, X_PC: np.ndarray) -> None:
         """Adds joint j, or a fixed one; MuJoCo's axes are found in the world, C has the axes of its body."""
         m = self.model
-        kind = "fixed" if j is None else {"slide": "prismatic", "hinge": "revolute"}[_KINDS[int(m.jnt_type[j])]]
+        kind = "fixed" if j is None else _URDF_TYPES.get(_KINDS[int(m.jnt_type[j])])
         name = f"{child}_fixed" if j is None else self._joint_name(j)
+        if kind is None:
+            what, expected = "a URDF has no such joint", "hinges and slides"
+            raise InputError(what, file=self.file, key=f"joint {name}", found="ball", expected=expected)
         joint = ET.SubElement(robot, "joint", name=name, type=kind)
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)

@@ -120,7 +120,7 @@ def _beside(
     Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
     """
     best = max(free, key=lambda x: x.search.lasting, default=None)
-    if best is None or best.search.straight or best.search.lasting < NEARLY:
+    if best is None or best.search.lasting < NEARLY or any(x.search.straight for x in free):
         return []
     found: list[Attempt] = []
     rng = np.random.default_rng(problem.task.options.seed)

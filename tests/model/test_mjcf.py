@@ -33,6 +33,7 @@ HAND = """
     <geom name="floor" type="plane" size="1 1 1"/>
     <body name="cube" pos="0 0 1"><freejoint/><geom type="box" size="0.02 0.02 0.02"/></body>
     <body name="door"><joint name="swing"/><geom type="box" size="0.1 0.1 0.01"/></body>
+    <body name="lamp"><joint name="hang" type="ball"/><geom type="sphere" size="0.1"/></body>
     <body name="palm" pos="0.1 0.2 0.3" euler="10 20 30">
       <geom type="box" size="0.03 0.04 0.01"/>
       <body name="a1" pos="0.02 0 0.02" euler="0 15 0">
@@ -174,9 +175,9 @@ def test_limits_efforts_and_followers_are_the_models(written):
 
 def test_what_is_no_hand_is_left_out_and_said(written):
     _, urdf, report = written
-    assert "left out, since no drive moves them: cube, door" in report
+    assert "left out, since no drive moves them: cube, door, lamp" in report
     links = Urdf.load(urdf).links
-    assert not {"cube", "door"} & set(links)
+    assert not {"cube", "door", "lamp"} & set(links)
     assert {"palm", "a1", "a1_a_side", "a2", "b1", "b2"} <= set(links)
     assert Urdf.load(urdf).root == "palm"
 

@@ -112,6 +112,13 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
     assert beside == best, "each step is taken from the best so far"
 
 
+def test_none_beside_are_tried_where_another_lasts(monkeypatch):
+    """The first lasts as long, but the hand cannot close on it."""
+    some = [SimpleNamespace(task=k, search=SimpleNamespace(lasting=1.0, straight=k == 1)) for k in range(2)]
+    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: pytest.fail("tried"))
+    assert searches._beside(problem_of("auto"), some, Grasp(), [], []) == []
+
+
 def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
     first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, straight=False))
 
