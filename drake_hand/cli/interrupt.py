@@ -21,6 +21,8 @@ _LOADERS, _LOAD = (SourceFileLoader, ExtensionFileLoader), ("create_module", "ex
 """Who runs a module's code, and in which methods."""
 _last_s: float | None = None
 """When it was last heard, by `time.monotonic`."""
+_waits = False
+"""Whether it was heard during an import, and is still to be raised."""
 
 
 def heed() -> None:
@@ -50,24 +52,25 @@ def insist() -> None:
 
 
 def _hear(_: int, frame: FrameType | None) -> None:
-    global _last_s
+    global _last_s, _waits
     sys.unraisablehook = _unsaid
     now = time.monotonic()
-    again, _last_s = _last_s is not None and now - _last_s < _APART_S, now
-    if not again:
-        _raise(signal.SIGALRM, frame)
+    again, _last_s = not _waits and _last_s is not None and now - _last_s < _APART_S, now
+    if again:
+        return
+    _waits = _imports_library(frame)
+    if not _waits:
+        raise KeyboardInterrupt
+    signal.signal(signal.SIGALRM, _hear_again)
+    signal.setitimer(signal.ITIMER_REAL, _LATER_S)
+
+
+def _hear_again(_: int, __: FrameType | None) -> None:
+    signal.raise_signal(signal.SIGINT)  # to whoever hears it now
 
 
 def _unsaid(_: object) -> None:
     """Of Ctrl-C in a destructor or in a callback of compiled code, where it cannot be raised, Python prints a stack."""
-
-
-def _raise(_: int, frame: FrameType | None) -> None:
-    if _imports_library(frame):
-        signal.signal(signal.SIGALRM, _raise)
-        signal.setitimer(signal.ITIMER_REAL, _LATER_S)
-    else:
-        raise KeyboardInterrupt
 
 
 def _imports_library(frame: FrameType | None) -> bool:

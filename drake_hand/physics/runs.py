@@ -230,12 +230,32 @@ def undisturbed() -> Iterator[None]:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """Processes started within never receive Ctrl-C: their parent does, and ends them."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Processes started within never receive Ctrl-C: their parent does, and ends them.
+
+    Their parent receives it when all are started: half of a process belongs to nobody who could end it.
+    """
+    with _postponed():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _postponed() -> Iterator[None]:
+    """Ctrl-C is heard afterwards. A mask is not enough: a thread without one takes the signal, and this one raises."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Ctrl-C is not heard here
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, before)
+        if pressed:
+            signal.raise_signal(signal.SIGINT)
 
 
 _shares: Any = None

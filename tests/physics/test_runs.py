@@ -58,6 +58,33 @@ def test_ctrl_c_ends_everything_and_tells_what_was_finished(tmp_path, signals):
     assert took < limit or os.getloadavg()[0] > 2 * (os.cpu_count() or 1), f"took {took:.1f} s"
 
 
+EARLY = """
+import os, signal, sys, threading, time
+from multiprocessing import util
+spawn = util.spawnv_passfds
+def interrupted(path, args, fds):
+    started = spawn(path, args, fds)
+    if any("spawn_main" in str(x) for x in args):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+    return started
+util.spawnv_passfds = interrupted
+from drake_hand.cli import main
+if __name__ == "__main__":
+    sys.argv = ["drake-hand", "simulate", sys.argv[1], "--runs", "4"]
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()  # a thread that takes what this one blocks
+    main()
+"""
+
+
+def test_ctrl_c_while_processes_are_started_leaves_none_half_started(tmp_path):
+    certified(held_plan(end=3.0)).save(tmp_path / "held.plan.json")
+    (tmp_path / "early.py").write_text(EARLY)
+    command = [sys.executable, "early.py", "held.plan.json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (130, "drake-hand: interrupted: 0 of 4 runs finished\n")
+
+
 def test_both_engines_answer_side_by_side_and_say_what_saw_the_object(tmp_path, capsys):
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
     file = tmp_path / "held.plan.json"
