@@ -12,7 +12,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.equilibrium import Capacity, margins
 from drake_hand.contact.forces import ForceProblem, balance_forces
-from drake_hand.plans.tolerances import TORQUE_LENGTH
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 FRICTION, RADIUS, F_MAX, WEIGHT = 0.45, 3e-4, 1.0, np.array([0.0, 0.0, -0.15])
 
@@ -33,8 +33,8 @@ def cone_program(p: np.ndarray, n: np.ndarray) -> float:
     G = np.zeros((6, 4 * k))
     for i in range(k):
         G[:3, 3 * i : 3 * i + 3] = np.eye(3)
-        G[3:, 3 * i : 3 * i + 3] = np.cross(p[i], np.eye(3)).T / TORQUE_LENGTH
-        G[3:, 3 * k + i] = n[i] / TORQUE_LENGTH
+        G[3:, 3 * i : 3 * i + 3] = np.cross(p[i], np.eye(3)).T / TORQUE_LENGTH_M
+        G[3:, 3 * k + i] = n[i] / TORQUE_LENGTH_M
         tangents = np.linalg.svd(n[i : i + 1])[2][1:]
         A = np.zeros((4, 4))
         A[0, :3], A[1:3, :3], A[3, 3] = FRICTION * n[i], tangents, 1 / RADIUS

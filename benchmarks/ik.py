@@ -3,7 +3,7 @@
 import argparse
 from statistics import median
 
-from drake_hand.cli.bench_ik import BATCH, IK_TOLERANCE_M, SINGLE, ik_samples
+from drake_hand.cli.bench_ik import BATCH_ROWS, IK_TOLERANCE_M, SINGLE_ROWS, ik_samples
 from drake_hand.model.hand import Hand
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -13,6 +13,9 @@ parser.add_argument("--seed", type=int, default=0)
 args = parser.parse_args()
 
 hand = Hand.load(args.hand)
-print(f"{hand.name}: {BATCH} contacts a finger in a batch, {SINGLE} one by one, residual <= {IK_TOLERANCE_M:g} m")
+print(
+    f"{hand.name}: {BATCH_ROWS} contacts a finger in a batch, {SINGLE_ROWS} one by one,"
+    f" residual <= {IK_TOLERANCE_M:g} m"
+)
 for name, values in ik_samples(hand, repeats=args.repeats, seed=args.seed).items():
     print(f"{name:16} median {median(values):10.0f}  min {min(values):10.0f}  max {max(values):10.0f}  n {len(values)}")

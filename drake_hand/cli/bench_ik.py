@@ -13,9 +13,9 @@ from drake_hand.model.hand import Finger, Hand
 
 IK_TOLERANCE_M = 1e-5
 """Residual all of them have to reach, m."""
-BATCH = 20_000
-"""Contacts per finger in one batch; the others solve the first `SINGLE` of them, one by one."""
-SINGLE = 20
+BATCH_ROWS = 20_000
+"""Contacts per finger in one batch; the others solve the first `SINGLE_ROWS` of them, one by one."""
+SINGLE_ROWS = 20
 
 Solver = Callable[[np.ndarray], np.ndarray]
 """From targets p_WC (..., 3) to joint angles of a finger (..., m)."""
@@ -43,10 +43,10 @@ def ik_samples(hand: Hand, *, repeats: int, seed: int) -> dict[str, list[float]]
         single["pinocchio"] = _pinocchio_solvers(hand, fingers)
     samples: dict[str, list[float]] = {key: [] for key in ("ik_per_s", *(f"ik_vs_{name}" for name in single))}
     for _ in range(repeats):
-        targets = [f.fk(rng.uniform(f.lower, f.upper, (BATCH, len(f.lower))))[0] for f in fingers]
+        targets = [f.fk(rng.uniform(f.lower, f.upper, (BATCH_ROWS, len(f.lower))))[0] for f in fingers]
         rate = _rate(fingers, targets, batched)
         samples["ik_per_s"].append(rate)
-        few = [t[:SINGLE] for t in targets]
+        few = [t[:SINGLE_ROWS] for t in targets]
         for name, solvers in single.items():
             samples[f"ik_vs_{name}"].append(rate / _rate(fingers, few, [_one_by_one(s) for s in solvers]))
     return samples

@@ -24,7 +24,7 @@ from drake_hand.errors import DrakeHandError, InputError, NoPlanFound
 
 TRACEBACK = "DRAKE_HAND_TRACEBACK"
 """Environment variable: set, an unexpected exception keeps its traceback."""
-WIDTH = 120
+FILE_WIDTH_CHARS = 120
 """Of tables that go to a file or pipe."""
 
 
@@ -46,7 +46,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     for row in rows:
         table.add_row(*(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row))
     # names such as contact[thumb tip on pencil] are no markup
-    Console(width=None if sys.stdout.isatty() else WIDTH, markup=False).print(table)
+    Console(width=None if sys.stdout.isatty() else FILE_WIDTH_CHARS, markup=False).print(table)
 
 
 def report_error(e: DrakeHandError, as_json: bool) -> int:

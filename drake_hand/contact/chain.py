@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.model.hand import Axis, Finger, Hand
 
-_BLOCK = 4096
+_BLOCK_ROWS = 4096
 """Rows worked on at once in `FingerKinematics.ik`: their arrays stay in the processor's cache."""
 
 # Batches are long and vectors short: arrays have the batch last in memory, so that numpy runs over rows of N numbers.
@@ -267,8 +267,8 @@ class FingerKinematics:
     ) -> tuple[np.ndarray, np.ndarray]:
         """`ik` from given starts within the limits."""
         q, residual = np.empty_like(q0), np.empty(len(q0))
-        for start in range(0, len(q0), _BLOCK):
-            rows = slice(start, start + _BLOCK)
+        for start in range(0, len(q0), _BLOCK_ROWS):
+            rows = slice(start, start + _BLOCK_ROWS)
             q[rows], residual[rows] = self._descend_block(p_WC[rows], q0[rows], tolerance, iterations)
         return q, residual
 

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.chain import cross, solve_least_squares
 from drake_hand.model.hand import Hand, PadSpec
 
-_FADE = 0.8
+_ROLLED_SHORT_KEPT_SHARE = 0.8
 """What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
-_DAMPING = 5e-4
+_DAMPING_M = 5e-4
 """Of least squares near singular postures, m."""
 
 
@@ -66,7 +66,7 @@ def roll_correction(
     slides = np.zeros_like(stays) if sliding is None else sliding[1:]
     for j, n in enumerate(n_W[1:]):
         moved = out[j] @ carried[j].T
-        moved = np.where(slides[j, :, None], _FADE * moved, moved - slipped[j])
+        moved = np.where(slides[j, :, None], _ROLLED_SHORT_KEPT_SHARE * moved, moved - slipped[j])
         moved -= n * np.sum(n * moved, axis=1, keepdims=True)
         out[j + 1] = np.where(stays[j, :, None], moved, 0.0)
     return out
@@ -128,5 +128,5 @@ def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.nda
         c = finger.columns
         J = J_WP[:, i, :, : len(c)]
         out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
-        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING)
+        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING_M)
     return out

@@ -42,7 +42,7 @@ def margins(sets: ContactSets, capacity: Capacity, force_W: np.ndarray, drag_W: 
 
     Returns:
         (N,) margin, N. Negative where no balance exists: minus the part of the wrench that stays unbalanced
-        (sum of absolute components, torques over `TORQUE_LENGTH`).
+        (sum of absolute components, torques over `TORQUE_LENGTH_M`).
 
     Raises:
         ValueError: neither `f_max` nor efforts bound the forces.

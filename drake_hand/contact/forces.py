@@ -13,7 +13,7 @@ from scipy import sparse
 from drake_hand.contact.chain import skew
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
-from drake_hand.plans.tolerances import TORQUE_LENGTH
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 SHORTFALL_COST = 25.0
 """Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it."""
@@ -222,9 +222,9 @@ def _balance(program: _ConeProgram, c: _Contacts) -> None:
     on = place[c.knot] >= 0
     wrench = np.zeros((A, 6, 4))
     wrench[:, :3, :3] = np.eye(3)
-    wrench[:, 3:, :3] = skew(c.arm) / TORQUE_LENGTH
-    wrench[:, 3:, :3] += (c.spin_torque[:, None] * c.normal)[:, :, None] * c.normal[:, None, :] / TORQUE_LENGTH
-    wrench[:, 3:, 3] = ((1 - np.abs(c.spin)) * c.problem.torsion_radius)[:, None] * c.normal / TORQUE_LENGTH
+    wrench[:, 3:, :3] = skew(c.arm) / TORQUE_LENGTH_M
+    wrench[:, 3:, :3] += (c.spin_torque[:, None] * c.normal)[:, :, None] * c.normal[:, None, :] / TORQUE_LENGTH_M
+    wrench[:, 3:, 3] = ((1 - np.abs(c.spin)) * c.problem.torsion_radius)[:, None] * c.normal / TORQUE_LENGTH_M
     columns = np.concatenate([c.force, c.twist[:, None]], axis=1)
     r = (6 * place[c.knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
     s = np.broadcast_to(columns[:, None, :], (A, 6, 4))

@@ -18,7 +18,7 @@ from drake_hand.epos.pdo import LAYOUT, MASTER_NODE, ON_EVENT, PDO_DISABLED, SDO
 ABORT_BY_QUICK_STOP, QUICK_STOP_AND_STAY, FAULT_BY_QUICK_STOP = 3, 6, 2
 """Option codes 0x6007, 0x605A, 0x605E: on lost communication or a fault, slow down on the quick-stop ramp."""
 _DOWNLOAD = {1: 0x2F, 2: 0x2B, 4: 0x23}
-_PDOS = 4
+_PDO_COUNT = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ def writes(drive: Drive, bus: BusSpec) -> list[Write]:
         found += [Write(obj=od.IP_BUFFER_CLEAR, value=v, read_back=False) for v in (0, 1)]
     used: dict[tuple[str, int], Pdo] = {(p.direction, p.number): p for p in LAYOUT[drive.type].all}
     for direction in get_args(Direction):
-        for number in range(1, _PDOS + 1):
+        for number in range(1, _PDO_COUNT + 1):
             unused = Pdo(direction=direction, number=number, transmission=ON_EVENT, entries=())
             found += _pdo_writes(drive.node, used.get((direction, number), unused))
     return found

@@ -16,7 +16,7 @@ from drake_hand.epos.state import HOMED, Control, DriveState, decode_state, stat
 from drake_hand.errors import DriveError
 
 TYPES: tuple[DriveType, ...] = get_args(DriveType)
-_TRIES = 3
+_READ_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +207,7 @@ def reset_faults(master: Master, drives: Sequence[Drive]) -> list[str]:
 
     def one(drive: Drive) -> str | None:
         try:
-            for _ in range(_TRIES):
+            for _ in range(_READ_ATTEMPTS):
                 for word in (Control.DISABLE_VOLTAGE, Control.FAULT_RESET, Control.DISABLE_VOLTAGE):
                     master.write(drive.node, od.CONTROLWORD, word)
                 status = master.read(drive.node, od.STATUSWORD)
@@ -225,7 +225,7 @@ def disable_all(master: Master, drives: Sequence[Drive]) -> list[str]:
 
     def one(drive: Drive) -> bool:
         try:
-            for _ in range(_TRIES):
+            for _ in range(_READ_ATTEMPTS):
                 if not decode_state(master.read(drive.node, od.STATUSWORD), drive.type).powered:
                     return True
                 master.write(drive.node, od.CONTROLWORD, Control.DISABLE_VOLTAGE)

@@ -30,7 +30,7 @@ MAX_CONDITION = 100.0
 """Largest condition number of a coupling matrix: beyond it one count at a motor moves a joint by a hundred."""
 
 _Positive = Annotated[float, Meta(gt=0)]
-_S32 = 2**31 - 1
+_S32_MAX = 2**31 - 1
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -246,7 +246,7 @@ class Drives:
         """
         q = np.asarray(q, float)
         counts = ((np.where(np.isfinite(q), q, 0.0) - self._zero) @ self.coupling.T) * self._scale
-        if not np.all(np.isfinite(q)) or not np.all(np.abs(counts) < _S32):
+        if not np.all(np.isfinite(q)) or not np.all(np.abs(counts) < _S32_MAX):
             raise InputError(
                 "joint position no drive can reach", file=self.file, key="joints", expected="finite, within 32 bits"
             )

@@ -8,7 +8,7 @@ from drake_hand.errors import InputError
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Part, Plan
 
-_AT_REST = 1e-6
+_REST_RAD_S = 1e-6
 """rad/s."""
 
 
@@ -49,5 +49,5 @@ def around_grasp(plan: Plan, end_s: float) -> list[float]:
 
 def _rests(part: Part) -> list[float]:
     """Knot times at which no joint moves; the first and the last of a part always are."""
-    still = np.abs(np.array(part.v)).max(axis=1) < _AT_REST
+    still = np.abs(np.array(part.v)).max(axis=1) < _REST_RAD_S
     return [t for t, yes in zip(part.t, still, strict=True) if yes]

@@ -35,7 +35,7 @@ from drake_hand.plans.plan import Plan
 PROGRESS_S = 0.2
 STOP_WITHIN_S = 5.0
 """Time the bus thread is given for a stop, before the main thread disables the drives by SDO."""
-_BEATS = 4
+_HEARTBEAT_PERIODS = 4
 """Heartbeat periods a drive is given to be heard."""
 
 
@@ -199,7 +199,7 @@ def _operational(master: Master, drives: Drives) -> list[str]:
             if not (h := master.heard.get(d.node)) or h[0] < since or h[1] != HEARTBEAT_OPERATIONAL
         ]
 
-    end = since + _BEATS * drives.bus.heartbeat_ms * 1e-3
+    end = since + _HEARTBEAT_PERIODS * drives.bus.heartbeat_ms * 1e-3
     while quiet() and master.clock.now() < end:
         time.sleep(0.01)
     return quiet()

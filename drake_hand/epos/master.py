@@ -37,7 +37,7 @@ _SLOW_SDO_TIMEOUT_S = 5.0
 _SCAN_S, _QUIET_S, _SCAN_BURST = 1.0, 0.3, 8
 _CLOSE_S = 2.0
 """Time the bus thread is given to end; one that hangs in its interface is left to die with the process."""
-_DRAIN = 256
+_FRAMES_PER_DRAIN = 256
 """Frames read before a SYNC at most, so that a flooded bus does not hold it up."""
 
 _T = TypeVar("_T")
@@ -263,7 +263,7 @@ class Master:
             self._next_heartbeat = max(self._next_heartbeat + self._heartbeat_s, now)
             self.send(HEARTBEAT_BASE + MASTER_NODE, bytes([HEARTBEAT_OPERATIONAL]))
         if self._cyclic and now >= self._next_sync:
-            for _ in range(_DRAIN):
+            for _ in range(_FRAMES_PER_DRAIN):
                 if (message := self._bus.recv(0)) is None:
                     break
                 self._receive(message)

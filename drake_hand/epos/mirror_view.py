@@ -22,14 +22,14 @@ from drake_hand.epos.mirror_page import PAGE
 from drake_hand.errors import DriveError, InputError, nearest
 
 _SOLID, _GHOST, _GHOST_OPACITY = 0xC8CDD2, 0x2F7FD6, 0.35
-_TWIN = 0x2E9E4F
-_OBJECT = 0xE0A030
-_GREY, _RED = np.array([0.78, 0.80, 0.82]), np.array([0.85, 0.10, 0.10])
-_SHADES = 8
+_TWIN_COLOR = 0x2E9E4F
+_OBJECT_COLOR = 0xE0A030
+_GREY_COLOR, _RED_COLOR = np.array([0.78, 0.80, 0.82]), np.array([0.85, 0.10, 0.10])
+_COLOR_SHADES = 8
 RED_DEG = 5.0
 """Error at which a link is all red."""
 _START_S = 10.0
-_STILL = 1e-5
+_LEAST_CHANGE = 1e-5
 """Smallest change of a pose that is sent, m and rad."""
 
 
@@ -202,7 +202,7 @@ class _HandModel:
         moved = {}
         for link in self._links:
             X_WL = np.array(self._urdf.get_transform(link), float)  # a copy: yourdfpy keeps changing its own
-            if link not in self._shown or np.abs(X_WL - self._shown[link]).max() > _STILL:
+            if link not in self._shown or np.abs(X_WL - self._shown[link]).max() > _LEAST_CHANGE:
                 self._shown[link] = moved[link] = X_WL
         return moved
 
@@ -222,10 +222,10 @@ class _HandModel:
         """Colours links by the error (n,) of the joint that moves them; NaN leaves them as they are by nature."""
         for link, joint in self._moved_by.items():
             share = 0.0 if joint is None else min(float(np.nan_to_num(error_deg[joint])) / RED_DEG, 1.0)
-            step = round(share * _SHADES)
+            step = round(share * _COLOR_SHADES)
             if self._colors.get(link, 0) != step:
                 self._colors[link] = step
-                rgb = _GREY + (_RED - _GREY) * step / _SHADES
+                rgb = _GREY_COLOR + (_RED_COLOR - _GREY_COLOR) * step / _COLOR_SHADES
                 self._path[link].set_property("color", [*rgb.tolist(), 1.0])
 
     def show(self, link: str, X_WL: np.ndarray) -> None:
@@ -254,7 +254,7 @@ class MirrorView:
         scene["hands"].set_transform(to_middle)
         self._object = scene["hands/object"]
         self._twin: _HandModel | None = None
-        self._add_twin = lambda: _HandModel(urdf, joints, scene["hands/twin"], _TWIN, _GHOST_OPACITY)
+        self._add_twin = lambda: _HandModel(urdf, joints, scene["hands/twin"], _TWIN_COLOR, _GHOST_OPACITY)
         # from the palm's side, a little from above; in the camera's frame y is up
         scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9 * size, 0.25 * size, 0.35 * size])
 
@@ -267,7 +267,7 @@ class MirrorView:
         """Puts the object of a plan beside the hands: vertices (v, 3) [m] and faces (f, 3)."""
         from meshcat.geometry import MeshPhongMaterial, TriangularMeshGeometry
 
-        self._object.set_object(TriangularMeshGeometry(vertices, faces), MeshPhongMaterial(color=_OBJECT))
+        self._object.set_object(TriangularMeshGeometry(vertices, faces), MeshPhongMaterial(color=_OBJECT_COLOR))
 
     def add_twin(self) -> None:
         """Puts a third hand there, the simulated one, as a green ghost."""

@@ -13,7 +13,7 @@ from drake_hand.epos.master import NMT_PRE_OPERATIONAL, Master, SdoError, for_al
 from drake_hand.epos.state import Control, DriveState, decode_state, status_words
 from drake_hand.errors import DriveError
 
-_TRIES = 3
+_OFF_ATTEMPTS = 3
 _WORDS = (Control.DISABLE_VOLTAGE, Control.FAULT_RESET, Control.DISABLE_VOLTAGE)
 """Power off; then the rising edge that resets a fault."""
 
@@ -52,7 +52,7 @@ def _one(master: Master, drive: Drive) -> Off:
     before = ""
     try:
         before = decode_state(master.read(drive.node, od.STATUSWORD), drive.type).value
-        for _ in range(_TRIES):
+        for _ in range(_OFF_ATTEMPTS):
             for word in _WORDS:
                 master.write(drive.node, od.CONTROLWORD, word)
             master.write(drive.node, od.CONSUMER_HEARTBEAT, 0)

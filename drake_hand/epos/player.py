@@ -25,14 +25,14 @@ from drake_hand.epos.pvt import PvtBackend
 from drake_hand.epos.record import Fault
 from drake_hand.epos.schedule import CLOCK_TOLERANCE, Schedule
 from drake_hand.epos.state import Control, DriveState
-from drake_hand.epos.stops import MISSED_AT_MOST, Watch
+from drake_hand.epos.stops import MOST_MISSED_SYNCS, Watch
 
 BACKENDS: dict[DriveType, Callable[[Schedule, int], Backend]] = {
     "epos2": PvtBackend,
     "epos4": CspBackend,
     "epos1": PositionBackend,
 }
-LADDER = (
+ENABLE_LADDER = (
     (Control.SHUTDOWN, DriveState.READY_TO_SWITCH_ON),
     (Control.SWITCH_ON, DriveState.SWITCHED_ON),
     (Control.ENABLE, DriveState.OPERATION_ENABLED),
@@ -41,7 +41,7 @@ LADDER = (
 LISTEN_SYNCS = 5
 ENABLE_S, PRIME_S, SETTLE_S, STOP_S, DISABLE_S = 1.0, 0.5, 1.0, 1.0, 0.5
 """How long each stage may take."""
-STARTED_BY = 4
+START_DEADLINE_STEPS = 4
 """Step by which every PVT drive has shown that it plays."""
 RECORDS_PER_SYNC = 2
 """While loading the queues: a third of the bus at 10 ms and 1 Mbit/s."""
@@ -49,8 +49,8 @@ HOLD_S = 60.0
 """How long a halted hand holds before it is stopped: motors that press get warm."""
 _FELT = ("playing", "settling", "waiting", "holding")
 """Stages in which the fingers press as the plan has them press."""
-_STILL = 3
-_ERRORS_AT_MOST = 20
+_REST_SYNCS = 3
+_MOST_ERRORS = 20
 
 
 class _Stop(Exception):
@@ -168,7 +168,7 @@ class Player:
     def on_error(self, error: Exception) -> None:
         """Something raised in the bus thread: stop; when even that keeps raising, leave the rest to SDO."""
         self._errors += 1
-        if self._errors > _ERRORS_AT_MOST:
+        if self._errors > _MOST_ERRORS:
             self.done.set()
             return
         self._stop("bus" if isinstance(error, can.CanError) else "internal", f"{type(error).__name__}: {error}")
@@ -246,7 +246,7 @@ class Player:
             yield
         self._check_unmoved()
         self.stage = "enabling"
-        for word, state in LADDER:
+        for word, state in ENABLE_LADDER:
             yield from self._bring(word, state)
         self.watch.enabled, self.watch.demand = True, self.schedule.counts[0].tolist()
         first = 0
@@ -329,7 +329,7 @@ class Player:
         """That the drives began to play in the same SYNC, and play to the end (which comes early on a fast clock)."""
         first, last = self._stretch
         played = self.step - first
-        if played > STARTED_BY:
+        if played > START_DEADLINE_STEPS:
             if played < (last - first) * (1 - CLOCK_TOLERANCE) - 1:
                 for axis, backend in zip(self.axes, self._backends, strict=True):
                     if not backend.playing(axis):
@@ -360,7 +360,7 @@ class Player:
         self.stage = "holding"
         for _ in self._syncs(SETTLE_S):
             yield
-            if all(a.still >= _STILL for a in self.axes):
+            if all(a.still >= _REST_SYNCS for a in self.axes):
                 break
         self.watch.demand = [a.position for a in self.axes]
         for _ in self._syncs(HOLD_S):
@@ -372,7 +372,7 @@ class Player:
         self.stage = "settling"
         for _ in self._syncs(SETTLE_S):
             yield
-            busy = [a for a in self.axes if a.still < _STILL or (a.drive.has_queue and a.active)]
+            busy = [a for a in self.axes if a.still < _REST_SYNCS or (a.drive.has_queue and a.active)]
             if not busy:
                 return
         raise _Stop("stuck", "does not come to rest", busy[0])
@@ -383,7 +383,9 @@ class Player:
         for _ in self._syncs(STOP_S):
             yield
             busy = self._powered()
-            if all(self.axes[i].state is DriveState.QUICK_STOP_ACTIVE and self.axes[i].still >= _STILL for i in busy):
+            if all(
+                self.axes[i].state is DriveState.QUICK_STOP_ACTIVE and self.axes[i].still >= _REST_SYNCS for i in busy
+            ):
                 break
             self._command_at_once(
                 Control.QUICK_STOP, [i for i in busy if self.axes[i].state is DriveState.OPERATION_ENABLED]
@@ -392,7 +394,7 @@ class Player:
 
     def _powered(self) -> list[int]:
         """Drives that answer and say that they are powered."""
-        return [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MISSED_AT_MOST]
+        return [i for i, a in enumerate(self.axes) if a.state.powered and a.missed < MOST_MISSED_SYNCS]
 
     def _disable(self) -> Iterator[None]:
         """Power off, at rest."""

@@ -12,12 +12,12 @@ from drake_hand.epos.pdo import EMCY_BASE, HEARTBEAT_BASE
 from drake_hand.epos.record import Fault
 from drake_hand.epos.state import DriveState
 
-MISSED_AT_MOST = 3
+MOST_MISSED_SYNCS = 3
 """So many SYNCs in a row without an answer stop the group."""
 FOLLOWING_SHARE = 0.7
 """Share of a drive's following-error window at which the master stops, before the drive faults."""
 _OVERFLOW_WARNING = 1 << 1
-_BOOT_UP = 0x00
+_BOOT_UP_BYTE = 0x00
 
 
 class Watch:
@@ -96,7 +96,7 @@ class Watch:
             yield self.fault("queue", "PVT queue: " + ", ".join(ip_status_words(axis.ip_status)), now, axis)
 
     def _check_network(self, axis: AxisState, state: int, now: float) -> Iterator[Fault]:
-        if state == _BOOT_UP:
+        if state == _BOOT_UP_BYTE:
             yield self.fault("reboot", "booted: it has lost its configuration", now, axis)
         elif state != HEARTBEAT_OPERATIONAL:
             yield self.fault("reboot", f"NMT state 0x{state:02X}, not operational", now, axis)
@@ -113,8 +113,8 @@ class Watch:
         for axis in self.axes:
             axis.missed = 0 if axis.answered else axis.missed + 1
             axis.answered = False
-            if axis.missed == MISSED_AT_MOST:
-                yield self.fault("silent", f"no answer to {MISSED_AT_MOST} SYNCs in a row", now, axis)
+            if axis.missed == MOST_MISSED_SYNCS:
+                yield self.fault("silent", f"no answer to {MOST_MISSED_SYNCS} SYNCs in a row", now, axis)
             if now - axis.heard > self._consumer_s:
                 axis.heard = now
                 yield self.fault("heartbeat", f"no heartbeat for {self._consumer_s * 1e3:.0f} ms", now, axis)

@@ -25,13 +25,13 @@ from drake_hand.errors import DriveError
 
 OFF_STOP_DEG = 3.0
 """How far a joint moves off its stop."""
-_RANGE_SPARE = math.radians(15.0)
+_RANGE_SPARE_RAD = math.radians(15.0)
 """By how much a joint may turn further than its range before it meets its stop."""
-_ACCELERATION = 10_000
+_HOMING_RPM_S = 10_000
 """Of homing, rpm/s: slow enough not to be taken for a stop."""
 _STEP_S, _HERE_S = 0.02, 2.0
-_AT_HOME = 3
-PASSES, AGREE = 3, math.radians(2.0)
+_AT_HOME_COUNTS = 3
+MOST_PASSES, AGREEMENT_RAD = 3, math.radians(2.0)
 """A finger in the way may be mistaken for a stop; once the others are at their stops, it is no longer in the way."""
 _LADDER = (Control.SHUTDOWN, Control.SWITCH_ON, Control.ENABLE)
 
@@ -78,13 +78,13 @@ def on_stops(
     if lacking:
         raise Refused(lacking, wrong_input=True)
     with _prepared(master, drives):
-        for number in range(PASSES):
+        for number in range(MOST_PASSES):
             found = []
             for joint in order:
                 turned = _seek(master, drives, drives.joints.index(joint), limits[joint])
                 found.append(turned)
                 yield joint, turned
-            if number and max(abs(x - math.radians(OFF_STOP_DEG)) for x in found) < AGREE:
+            if number and max(abs(x - math.radians(OFF_STOP_DEG)) for x in found) < AGREEMENT_RAD:
                 return
         raise DriveError("a joint finds its stop somewhere else each time: is something in the hand?")
 
@@ -96,7 +96,7 @@ def _seek(master: Master, drives: Drives, i: int, limits: tuple[float, float]) -
     q = np.zeros(len(drives.drives))
     q[i] = drive.stop - drive.stop_side * math.radians(OFF_STOP_DEG)
     per_rad = drive.cable_ratio * drive.gear * drive.counts_per_turn / (2 * math.pi)
-    turn = (limits[1] - limits[0] + _RANGE_SPARE) * per_rad
+    turn = (limits[1] - limits[0] + _RANGE_SPARE_RAD) * per_rad
     turned = _home(
         master,
         drive,
@@ -139,7 +139,7 @@ def _home(master: Master, drive: Drive, method: int, *, home: int, turn: float, 
         od.HOMING_METHOD: method,
         od.HOMING_SPEED: round(drive.homing_speed_rpm),
         od.HOMING_SPEED_ZERO: round(drive.homing_speed_rpm),
-        od.HOMING_ACCELERATION: _ACCELERATION,
+        od.HOMING_ACCELERATION: _HOMING_RPM_S,
         od.HOMING_CURRENT[kind]: drive.homing_current_ma,
         od.HOME_OFFSET: offset,
         od.HOME_POSITION[kind]: home,
@@ -157,7 +157,7 @@ def _home(master: Master, drive: Drive, method: int, *, home: int, turn: float, 
             if status & BIT12 and status & HOMED:
                 break
             position = master.read(node, od.POSITION_ACTUAL)
-            if abs(position - home) > _AT_HOME:  # it may have been renamed since the status word
+            if abs(position - home) > _AT_HOME_COUNTS:  # it may have been renamed since the status word
                 far = max(far, abs(position - begin))
             if turn and far > turn:
                 raise DriveError(f"{drive.joint} (node {node}): turned beyond its range, met no stop: cable off?")

@@ -31,9 +31,9 @@ TIMING_S, NOISE_RAD = 0.01, np.radians(1.0)
 that the first makes more of a difference than the second, looks count for less."""
 DRIFT_GAIN = 0.075
 """Share of a measurement's news that is attributed to drift, per rad/s of planned turning."""
-DRIFT_LIMIT = 0.15
+DRIFT_LIMIT_SHARE = 0.15
 """Drift believed in at most, per planned turn."""
-_SLOW = 0.2
+_SLOW_RAD_S = 0.2
 """rad/s below which turning teaches little about drift."""
 TWIST_LIMIT = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
 """Twist with which the object is brought back at most, rad/s and m/s."""
@@ -45,9 +45,9 @@ FADE_RATE_PER_S = 2.0
 """... and what is done because of it fades, or comes back, at this rate, 1/s."""
 _WEIGHT = np.array([0.02, 0.02, 0.02, 1.0, 1.0, 1.0])
 """m: a radian of turn counts as much as this displacement where a twist is cut down to what the tube allows."""
-_DIRECTIONS = 4
+_MOST_CUTS = 4
 """How often it is cut down before it is dropped."""
-_MEMORY = 128
+_MEMORY_TICKS = 128
 """Ticks for which the estimate is remembered: a look is compared with what was thought when it was taken."""
 
 
@@ -104,7 +104,7 @@ class Correction:
         self._seen_O = np.eye(3) - unseen.T @ unseen
         self._p_OM = np.linalg.solve(grid.X_WO[0], np.append(grid.p_WM[0], 1.0))[:3]
         self._dq, self._error = np.zeros(hand.nq), np.zeros(6)
-        self._times, self._thought = np.full(_MEMORY, -np.inf), np.zeros((_MEMORY, 6))
+        self._times, self._thought = np.full(_MEMORY_TICKS, -np.inf), np.zeros((_MEMORY_TICKS, 6))
         self._tick, self._last, self._last_look, self._believed = 0, 0.0, -np.inf, 0.0
         self._since, self._saturated = 0, False
         self._looks, self._saturated_s, self._lost_s, self._largest, self._reached = 0, 0.0, 0.0, 0.0, 0.0
@@ -141,7 +141,7 @@ class Correction:
         self._saturated_s += dt * self._saturated
         self._dq = np.clip(wanted, *self._tube.limits[:, self._follow.part[row]])
         self._note(row, before)
-        slot = self._tick % _MEMORY
+        slot = self._tick % _MEMORY_TICKS
         self._times[slot], self._thought[slot] = t, self._error
         self._tick += 1
         return self._dq.copy()
@@ -185,8 +185,8 @@ class Correction:
         self._error = self._error + share * news
         self._thought += share * news
         if self._held[row]:
-            learnt = self._drift + clear * DRIFT_GAIN * (news[:3] @ w) / (w @ w + _SLOW**2)
-            self._drift = float(np.clip(learnt, -DRIFT_LIMIT, DRIFT_LIMIT))
+            learnt = self._drift + clear * DRIFT_GAIN * (news[:3] @ w) / (w @ w + _SLOW_RAD_S**2)
+            self._drift = float(np.clip(learnt, -DRIFT_LIMIT_SHARE, DRIFT_LIMIT_SHARE))
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:
@@ -209,7 +209,7 @@ class Correction:
         roll, held_back = self._follow.roll[row], False
         fastest = float(np.max(np.abs(roll @ moved) / np.maximum(self._speed[row] * dt, 1e-9)))
         moved = moved / max(fastest, 1.0)
-        for _ in range(_DIRECTIONS):
+        for _ in range(_MOST_CUTS):
             against = self._against(row, self._dq + roll @ moved, roll @ moved)
             if not len(against):
                 break

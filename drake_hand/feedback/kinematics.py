@@ -13,9 +13,9 @@ from drake_hand.model.object import Object
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory
 
-_DAMPING = 2e-3
+_DAMPING_M_PER_RAD = 2e-3
 """Of the least-squares solutions, m per rad: a finger next to a singular pose is corrected less."""
-_LIFTING = 0.3
+_LIFTING_SHARE = 0.3
 """Share of the time a finger is free in which it takes up the correction of where it will land."""
 
 
@@ -88,7 +88,7 @@ class Followers:
 def _map(J: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """(k, m, 6) joints that move a point by w x arm + v, for each of the six unit twists."""
     moved = np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (len(arm), 3, 3))], axis=2)
-    return np.stack([solve_least_squares(J, moved[:, :, x], damping=_DAMPING) for x in range(6)], axis=2)
+    return np.stack([solve_least_squares(J, moved[:, :, x], damping=_DAMPING_M_PER_RAD) for x in range(6)], axis=2)
 
 
 def _rising(touching: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ def _rising(touching: np.ndarray, t: np.ndarray) -> np.ndarray:
     for a, b in edges.reshape(-1, 2):
         if b == len(t):
             continue
-        length = max(_LIFTING * (t[b] - t[a]), 1e-3)
+        length = max(_LIFTING_SHARE * (t[b] - t[a]), 1e-3)
         u = np.clip((t[a:b] - t[a]) / length, 0.0, 1.0) if a else np.ones(b - a)
         out[a:b] = u * u * (3 - 2 * u)
     return out

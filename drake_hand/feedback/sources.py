@@ -23,9 +23,9 @@ from drake_hand.errors import InputError
 from drake_hand.feedback.pose import PoseSeen, PoseSource
 
 Vector = tuple[float, float, float]
-_LARGEST = 4096
+_MOST_LINE_BYTES = 4096
 """Bytes of a line."""
-_AT_ONCE = 64
+_MOST_LINES_AT_ONCE = 64
 """Lines read at most when asked once: whoever sends faster than that is not waited for."""
 
 
@@ -140,9 +140,9 @@ class UdpSource:
     def poll(self, t: float) -> PoseSeen | None:
         """The newest pose that has arrived."""
         seen = None
-        for _ in range(_AT_ONCE):
+        for _ in range(_MOST_LINES_AT_ONCE):
             try:
-                line = self._socket.recv(_LARGEST)
+                line = self._socket.recv(_MOST_LINE_BYTES)
             except BlockingIOError:
                 break
             try:

@@ -21,7 +21,7 @@ from drake_hand.model.propose import Proposal, propose_hand
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Joint, Urdf
 
-_FIT = 1.0e-3
+_GOOD_FIT_M = 1.0e-3
 """m; a tip sphere that is farther off is worth a look."""
 FOLLOWING_JOINTS = 3
 """It takes to keep a contact, without slip, on an object that moves in any direction."""
@@ -80,7 +80,7 @@ def check_hand(ref: str | Path) -> HandReport:
         f"finger {f.name}: its tip is no ball of {f.radius * 1e3:.1f} mm, but up to {tip.error * 1e3:.1f} mm off; "
         f"tip.radius_mm and tip.xyz_mm of the hand file say which"
         for f, tip in zip(hand.fingers, tips, strict=True)
-        if tip.error > _FIT
+        if tip.error > _GOOD_FIT_M
     ]
     remarks += _few_drives(hand)
     closing = hand.closing

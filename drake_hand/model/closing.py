@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 _POSTURES = 4000
 """Random postures of each finger."""
-_MEET = 0.025
+_MEETING_M = 0.025
 """m; tips that come this near one another can hold something between them."""
-_ALONG = 0.9
+_ALONG_COS = 0.9
 """Cosine above which fingers point where they close, as those of a tripod do."""
-_IN_ROW = 0.5
+_IN_ROW_SHARE = 0.5
 """How much straighter than any other the row of bases must be that is left without the thumb's."""
-_SQUARE = 12.0
+_SQUARE_DEG = 12.0
 """deg; a direction this near an axis of W is that axis, as whoever drew the hand will have meant it."""
-_OPPOSED = 30.0
+_OPPOSED_DEG = 30.0
 """deg; by which the one of three fingers that opposes the others must be farther from both than they are apart."""
 
 
@@ -81,7 +81,7 @@ def find_closing(fingers: Sequence[Finger], q_lower: np.ndarray, q_upper: np.nda
     straight = [rows[bent[i][rows].argmin()] for i, rows in enumerate(stretched)]
     along = _square(np.sum([_unit(swings[i].X_WC[straight[i], :3, 3] - bases[i]) for i in row], axis=0))
     closed = _unit(p_WG - bases[row].mean(axis=0))
-    palm = _square(closed if abs(closed @ along) > _ALONG else closed - along * (closed @ along))
+    palm = _square(closed if abs(closed @ along) > _ALONG_COS else closed - along * (closed @ along))
     pads, ends = [], []
     for s, rows in zip(swings, stretched, strict=True):
         R, axis, lever = s.X_WC[rows, :3, :3], s.axis[rows], s.lever[rows]
@@ -143,7 +143,7 @@ def _meeting(tips: list[np.ndarray]) -> np.ndarray:
     trees = [cKDTree(t) for t in tips]
     meet = [np.zeros(len(t), dtype=int) for t in tips]
     for i, j in itertools.permutations(range(len(tips)), 2):
-        meet[i] += trees[j].query(tips[i], distance_upper_bound=_MEET, workers=-1)[0] < _MEET
+        meet[i] += trees[j].query(tips[i], distance_upper_bound=_MEETING_M, workers=-1)[0] < _MEETING_M
     most = max(int(m.max()) for m in meet)
     return np.concatenate([t[m == most] for t, m in zip(tips, meet, strict=True)]).mean(axis=0)
 
@@ -154,13 +154,13 @@ def _thumb(bases: np.ndarray, p_WG: np.ndarray) -> int | None:
     if n > 3:
         bent = np.array([_bent(np.delete(bases, i, axis=0)) for i in range(n)])
         best, second = np.argsort(bent)[:2]
-        return int(best) if bent[best] < _IN_ROW * bent[second] else None
+        return int(best) if bent[best] < _IN_ROW_SHARE * bent[second] else None
     if n < 3:
         return None
     ways = np.stack([_unit(p_WG - b) for b in bases])
     pairs = [np.degrees(np.arccos(np.clip(ways[i - 1] @ ways[i - 2], -1, 1))) for i in range(3)]
     best = int(np.argmin(pairs))  # the other two come from nearly the same side
-    return best if pairs[best] + _OPPOSED < min(np.delete(pairs, best)) else None
+    return best if pairs[best] + _OPPOSED_DEG < min(np.delete(pairs, best)) else None
 
 
 def _bent(points: np.ndarray) -> float:
@@ -172,7 +172,7 @@ def _square(v: np.ndarray) -> np.ndarray:
     """The direction of v (3,), or the axis that it nearly is."""
     v = _unit(v)
     k = int(np.abs(v).argmax())
-    return np.eye(3)[k] * np.sign(v[k]) if abs(v[k]) > np.cos(np.radians(_SQUARE)) else v
+    return np.eye(3)[k] * np.sign(v[k]) if abs(v[k]) > np.cos(np.radians(_SQUARE_DEG)) else v
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

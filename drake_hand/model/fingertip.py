@@ -20,19 +20,19 @@ from drake_hand.model.meshes import find_mesh, hull
 from drake_hand.model.urdf import Urdf
 from drake_hand.model.xml import Source
 
-_BEHIND = 0.7
+_LINK_BEHIND_RADII = 0.7
 """How far behind the tip centre the link begins, in radii: a contact beside the tip leaves room for it there."""
-_NAIL = 0.5
+_LINK_NAIL_RADII = 0.5
 """How far on the nail's side of the tip centre it begins, in radii."""
-_FITTED = 0.3
+_FITTED_BEHIND_RADII = 0.3
 """How far behind the centre the sphere is asked to fit, in radii."""
-_INSIDE = 3.0e-4
+_PROTRUSION_M = 3.0e-4
 """m; a shape that sticks out of the sphere by no more is part of it."""
-_HIDES = 1.0e-3
+_HIDING_M = 1.0e-3
 """m; a shape that comes this near to where the sphere touches leaves no room for a contact."""
-_CAP = 0.012
+_CAP_M = 0.012
 """m; how much of a fingertip's end counts when its sphere is guessed."""
-_SMALLEST, _ROUNDS = 2.0e-3, 5
+_SMALLEST_RADIUS_M, _ROUNDS = 2.0e-3, 5
 """Least radius of a guessed sphere, m, and how often the part that can touch is chosen again while it is fitted."""
 _SAMPLES = 1500
 """Points on each shape by which the fit is judged."""
@@ -73,8 +73,8 @@ class Fingertip:
         points = outer_points(shapes)
         along, inward = points @ end, points @ pad
         distance = np.linalg.norm(points, axis=1) - finger.radius
-        open_ = (along > -_BEHIND * finger.radius) & (inward > -_NAIL * finger.radius)
-        fitted = open_ & (along > -_FITTED * finger.radius)
+        open_ = (along > -_LINK_BEHIND_RADII * finger.radius) & (inward > -_LINK_NAIL_RADII * finger.radius)
+        fitted = open_ & (along > -_FITTED_BEHIND_RADII * finger.radius)
         return cls(
             replaced=frozenset(replaced),
             rest=tuple(rest),
@@ -89,10 +89,10 @@ def guess(shapes: list[Geometry], base: np.ndarray) -> tuple[np.ndarray, float]:
     along = (points.min(axis=0) + points.max(axis=0)) / 2 - base
     u = along / np.linalg.norm(along) if np.linalg.norm(along) > 1e-6 else np.array([0.0, 0.0, 1.0])
     s = points @ u
-    cap = points[s > s.max() - _CAP]
+    cap = points[s > s.max() - _CAP_M]
     across = np.linalg.svd(u[None])[2][1:]
     low, high = (cap @ across.T).min(axis=0), (cap @ across.T).max(axis=0)
-    radius = float(np.clip((high - low).min() / 2, _SMALLEST, _CAP))
+    radius = float(np.clip((high - low).min() / 2, _SMALLEST_RADIUS_M, _CAP_M))
     return u * (s.max() - radius) + (low + high) / 2 @ across, radius
 
 
@@ -116,7 +116,7 @@ def fit(
     points = outer_points([_Hull.of(g, np.zeros(3)) for g in shapes])
 
     def touching(p: np.ndarray, r: float) -> np.ndarray:
-        return points[((points - p) @ end > -_FITTED * r) & ((points - p) @ pad > -_NAIL * r)]
+        return points[((points - p) @ end > -_FITTED_BEHIND_RADII * r) & ((points - p) @ pad > -_LINK_NAIL_RADII * r)]
 
     def worst(p: np.ndarray, r: float) -> float:
         return float(np.abs(np.linalg.norm(touching(p, r) - p, axis=1) - r).max(initial=0.0))
@@ -129,7 +129,7 @@ def fit(
         found = least_squares(
             lambda x, some=some: np.linalg.norm(some - x[:3], axis=1) - x[3],
             np.append(p, r),
-            bounds=(np.append(p - _CAP, _SMALLEST), np.append(p + _CAP, 1.5 * radius)),
+            bounds=(np.append(p - _CAP_M, _SMALLEST_RADIUS_M), np.append(p + _CAP_M, 1.5 * radius)),
             x_scale=1e-3,
         )
         p, r = found.x[:3], float(found.x[3])
@@ -151,19 +151,19 @@ class _Part:
     def of(cls, g: Geometry, finger: Finger, end: np.ndarray, pad: np.ndarray) -> _Part:
         p_LC, r = finger.p_LC, finger.radius
         whole = _Hull.of(g, p_LC)
-        if whole.within(r + _INSIDE):
+        if whole.within(r + _PROTRUSION_M):
             return cls(whole=whole, touches=True, rest=[])
-        ahead = whole.cut(-end, _BEHIND * r)
-        if ahead is None or ahead.within(r + _INSIDE):
+        ahead = whole.cut(-end, _LINK_BEHIND_RADII * r)
+        if ahead is None or ahead.within(r + _PROTRUSION_M):
             return cls(whole=whole, touches=False, rest=[g])
         angles = np.linspace(0, np.pi / 2, 10)[:, None]
         support = (ahead.vertices @ (np.cos(angles) * pad + np.sin(angles) * end).T).max(axis=0)
-        behind, front = _shortened(g, finger, end), whole.cut(-end, _FITTED * r)
-        nail = front.cut(pad, -_NAIL * r) if front is not None else None
-        rest = [] if behind is None or _Hull.of(behind, p_LC).within(r + _INSIDE) else [behind]
-        if nail is not None and not nail.within(r + 2 * _INSIDE):
+        behind, front = _shortened(g, finger, end), whole.cut(-end, _FITTED_BEHIND_RADII * r)
+        nail = front.cut(pad, -_LINK_NAIL_RADII * r) if front is not None else None
+        rest = [] if behind is None or _Hull.of(behind, p_LC).within(r + _PROTRUSION_M) else [behind]
+        if nail is not None and not nail.within(r + 2 * _PROTRUSION_M):
             rest.append(nail.geometry(p_LC))
-        return cls(whole=whole, touches=bool((support > r - _HIDES).any()), rest=rest)
+        return cls(whole=whole, touches=bool((support > r - _HIDING_M).any()), rest=rest)
 
 
 def body_shapes(urdf: Urdf, tip_link: str, held: Iterable[str] = ()) -> list[tuple[str, int, Geometry]]:
@@ -228,7 +228,7 @@ class _Hull:
         points = np.concatenate(
             [self.vertices[height <= 0], self.vertices[a] + share * (self.vertices[b] - self.vertices[a])]
         )
-        if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0))[1][2] < _INSIDE:
+        if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0))[1][2] < _PROTRUSION_M:
             return None
         hull = trimesh.convex.convex_hull(points)
         return _Hull(vertices=np.asarray(hull.vertices), faces=np.asarray(hull.faces))
@@ -271,11 +271,11 @@ def _shortened(g: Geometry, finger: Finger, end: np.ndarray) -> Geometry | None:
         r, length = g.size
         out = axis * np.sign(axis @ end)
         back = (g.X_OG[:3, 3] - p) @ out - length / 2 - (r if g.kind == "capsule" else 0.0)
-        front = -_BEHIND * finger.radius
+        front = -_LINK_BEHIND_RADII * finger.radius
         if front - back < r / 4:
             return None
         X = g.X_OG.copy()
         X[:3, 3] += out * ((front + back) / 2 - (g.X_OG[:3, 3] - p) @ out)
         return Geometry(kind="cylinder", X_OG=X, size=(r, front - back))
-    hull = _Hull.of(g, p).cut(end, -_BEHIND * finger.radius)
+    hull = _Hull.of(g, p).cut(end, -_LINK_BEHIND_RADII * finger.radius)
     return None if hull is None else hull.geometry(p)

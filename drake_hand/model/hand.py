@@ -17,9 +17,9 @@ from drake_hand.model.hand_file import HAND_SUFFIX, FingerSpec, HandSpec, JointS
 from drake_hand.model.html import html_table
 from drake_hand.model.urdf import Urdf
 
-_ROOM = 0.1
+_HOME_MARGIN_SHARE = 0.1
 """Largest share of a joint's range that is kept between its home and a limit, where the hand file states no home."""
-_LONGEST = 3.0
+_LONGEST_FINGER_M = 3.0
 """m; from palm to tip along a finger's joints."""
 
 __all__ = ["HAND_SUFFIX", "Axis", "Finger", "Hand", "HandSpec", "PadSpec"]
@@ -267,7 +267,7 @@ def _build_finger(i: int, f: FingerSpec, spec: HandSpec, urdf: Urdf, file: Path,
             expected="a finger with at least one joint",
         )
     length = sum(float(np.linalg.norm(joint.X_PC[:3, 3])) for joint in chain)
-    if length > _LONGEST:
+    if length > _LONGEST_FINGER_M:
         raise InputError(
             f"finger '{f.name}' is too long for a hand",
             file=urdf.file,
@@ -366,7 +366,7 @@ def _limits(name: str, spec: HandSpec, urdf: Urdf, file: Path) -> dict[str, floa
                 expected="> 0",
             )
     # A servo at rest against a limit would be commanded beyond it as soon as it has to push.
-    room = min(result["effort"] / result["stiffness"], _ROOM * (upper - lower))
+    room = min(result["effort"] / result["stiffness"], _HOME_MARGIN_SHARE * (upper - lower))
     home = pick("home_deg", min(max(0.0, lower + room), upper - room), unit)
     if not lower <= home <= upper:
         raise InputError(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DRAKE_READS = (".obj", ".gltf", ".vtk")
 
-_LOOKED = 20_000
+_MOST_ENTRIES = 20_000
 """Files and folders looked at for a mesh that is not where it should be."""
 
 
@@ -60,7 +60,7 @@ def _of_that_name(name: str, file: Path) -> list[str]:
         looked += len(files) + len(folders)
         if name and name in files:
             found.append(os.path.relpath(Path(base) / name, folder))
-        if looked > _LOOKED or len(found) == 3:
+        if looked > _MOST_ENTRIES or len(found) == 3:
             break
     return found
 

@@ -23,9 +23,9 @@ from drake_hand.model.xml import Source, drawn, read_origin, read_xml, write_ori
 
 __all__ = ["Geometry", "Object"]
 
-_DENSITY = 500.0
+_DENSITY_KG_M3 = 500.0
 """kg/m^3 of an object whose file states no mass: between wood and light plastic."""
-_LARGEST = 1.0
+_LARGEST_MESH_M = 1.0
 """m; a mesh file larger than this is taken to be in millimetres."""
 
 
@@ -93,8 +93,8 @@ def _mesh_robot(file: Path) -> tuple[ET.Element, list[str]]:
     """The URDF that a mesh file amounts to, and what was assumed of its unit."""
     extent = float(read_mesh(file).extents.max())
     scale, notes = "1 1 1", []
-    if extent > _LARGEST:
-        if extent * 1e-3 > _LARGEST:
+    if extent > _LARGEST_MESH_M:
+        if extent * 1e-3 > _LARGEST_MESH_M:
             found = f"{extent:g} m, or mm"
             raise InputError("mesh is too large for a hand", file=file, found=found, expected="at most 1 m")
         scale = "0.001 0.001 0.001"
@@ -201,8 +201,10 @@ def _inertial(link: ET.Element, geometries: tuple[Geometry, ...], source: Source
     if stated.mass < 0:
         raise source.error("mass is negative", stated.mass, "> 0 kg")
     if stated.mass == 0:
-        solid = Inertial.solid(geometries, density=_DENSITY)
-        return solid, (f"no mass in the file: a solid of {_DENSITY:g} kg/m^3 is assumed, {solid.mass * 1e3:.1f} g",)
+        solid = Inertial.solid(geometries, density=_DENSITY_KG_M3)
+        return solid, (
+            f"no mass in the file: a solid of {_DENSITY_KG_M3:g} kg/m^3 is assumed, {solid.mass * 1e3:.1f} g",
+        )
     reach = np.linalg.norm(_corners(geometries) - stated.p_LCom, axis=1).max()
     if not stated.flaw and np.linalg.eigvalsh(stated.I_LCom)[2] <= stated.mass * reach**2:
         return stated, ()

@@ -15,7 +15,7 @@ from drake_hand.errors import InputError
 
 CPU_S = 20
 """Processor time that CoACD may take."""
-WRAP = 30
+WRAP_CELLS = 30
 """Cells along an open body in the grid in which it is wrapped."""
 Pieces = list[tuple[np.ndarray, np.ndarray]]
 """(V, 3) vertices and (F, 3) faces of each."""
@@ -69,7 +69,7 @@ def _child(body: str, pieces: str, concavity: str, wrap: str, cpu_s: str) -> Non
         mesh,
         threshold=float(concavity),
         preprocess_mode=wrap,
-        preprocess_resolution=WRAP,
+        preprocess_resolution=WRAP_CELLS,
         resolution=1000,
         mcts_nodes=10,
         mcts_iterations=40,

@@ -40,7 +40,7 @@ from drake_hand.model.xml import write_xml
 
 SHANK = "_shank"
 """Suffix of the body with what the tip sphere leaves of a fingertip's shapes."""
-_FRICTION = 0.8
+_DEFAULT_FRICTION = 0.8
 """Of shapes for which the caller states no properties."""
 
 
@@ -226,7 +226,7 @@ def _shape(g: Geometry) -> Shape:
 
 def _plain_properties() -> ProximityProperties:
     properties = ProximityProperties()
-    AddContactMaterial(friction=CoulombFriction(_FRICTION, _FRICTION), properties=properties)
+    AddContactMaterial(friction=CoulombFriction(_DEFAULT_FRICTION, _DEFAULT_FRICTION), properties=properties)
     return properties
 
 

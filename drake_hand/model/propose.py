@@ -27,15 +27,15 @@ _WORDS = {
     "thumb": rf"thumb|th{_SHORT}",
 }
 """What people call fingers, in the order of the mode codes."""
-_RADIUS = 0.008
+_TIP_RADIUS_M = 0.008
 """m; of a fingertip that has no shape to guess from."""
-_MAX_EFFORT, _EFFORT = 5.0, 0.5
+_MAX_EFFORT_NM, _EFFORT_NM = 5.0, 0.5
 """Nm; a URDF that gives a finger joint more than the first is taken not to know, and gets the second."""
-_MAX_SPEED, _SPEED = 720.0, 120.0
+_MAX_SPEED_DEG_S, _SPEED_DEG_S = 720.0, 120.0
 """deg/s; the same of speeds."""
-_STIFFNESS, _SAG = 3.0, np.radians(1.5)
+_STIFFNESS_NM_PER_RAD, _SAG_RAD = 3.0, np.radians(1.5)
 """Nm/rad, for a small hand; stiffer where the finger's own weight would bend a joint further than the second, rad."""
-_LAG = 1 / 60
+_SERVO_LAG_S = 1 / 60
 """s; damping over stiffness of a servo."""
 
 
@@ -102,14 +102,14 @@ def _servos(urdf: Urdf, chains: list[list[Joint]]) -> dict[str, Any]:
     own = {joint.name for chain in chains for joint in chain}
     commanded = [urdf.joints[name] for name in urdf.commanded if name in own]
     weight = weight_torques(urdf, commanded)
-    stiffness = max(_STIFFNESS, float(np.ceil(weight / _SAG)))
+    stiffness = max(_STIFFNESS_NM_PER_RAD, float(np.ceil(weight / _SAG_RAD)))
     defaults = JointSpec(
-        acceleration_deg_s2=1500, stiffness_nm_rad=stiffness, damping_nm_s_rad=round(stiffness * _LAG, 3)
+        acceleration_deg_s2=1500, stiffness_nm_rad=stiffness, damping_nm_s_rad=round(stiffness * _SERVO_LAG_S, 3)
     )
-    if not all(j.velocity and np.degrees(j.velocity) <= _MAX_SPEED for j in commanded):
-        defaults = msgspec.structs.replace(defaults, speed_deg_s=_SPEED)
-    if not all(j.effort and j.effort <= _MAX_EFFORT for j in commanded):
-        defaults = msgspec.structs.replace(defaults, effort_nm=round(max(_EFFORT, 2 * weight), 2))
+    if not all(j.velocity and np.degrees(j.velocity) <= _MAX_SPEED_DEG_S for j in commanded):
+        defaults = msgspec.structs.replace(defaults, speed_deg_s=_SPEED_DEG_S)
+    if not all(j.effort and j.effort <= _MAX_EFFORT_NM for j in commanded):
+        defaults = msgspec.structs.replace(defaults, effort_nm=round(max(_EFFORT_NM, 2 * weight), 2))
     unlimited = [j.name for j in commanded if j.lower is None or j.upper is None or j.lower == j.upper]
     return {"defaults": defaults, "joints": {name: JointSpec(lower_deg=-90, upper_deg=90) for name in unlimited}}
 
@@ -202,7 +202,7 @@ def _rough_tip(urdf: Urdf, tip: str) -> TipSpec:
         return _spec(tip, own[0].X_OG[:3, 3], own[0].size[0])
     used = own or [g for _, _, g in shapes]
     if not used:
-        return _spec(tip, np.zeros(3), _RADIUS)
+        return _spec(tip, np.zeros(3), _TIP_RADIUS_M)
     base = next(b for b in urdf.bodies() if tip in b)[0]
     X_BT = np.eye(4)
     for joint in urdf.chain(base, tip) or []:
@@ -215,7 +215,7 @@ def _tip(urdf: Urdf, rough: TipSpec, end: np.ndarray, pad: np.ndarray) -> tuple[
     shapes = body_shapes(urdf, rough.link)
     own = [g for link, _, g in shapes if link == rough.link]
     if not shapes:
-        return rough, f"{rough.link}: has no shape; a sphere of {_RADIUS * 1e3:g} mm at its origin"
+        return rough, f"{rough.link}: has no shape; a sphere of {_TIP_RADIUS_M * 1e3:g} mm at its origin"
     if len(own) == 1 and own[0].kind == "sphere":
         return rough, f"{rough.link}: the sphere of the URDF"
     p_LC, radius, error = fit(

@@ -18,7 +18,7 @@ from drake_hand.model.meshes import DRAKE_READS, find_mesh, write_obj
 from drake_hand.model.urdf import Urdf
 from drake_hand.model.xml import Source, drawn, read_origin, read_xml, write_xml
 
-_LIGHT = Inertial(mass=1.0e-3, p_LCom=np.zeros(3), I_LCom=np.eye(3) * 1.0e-7)
+_LEAST_INERTIAL = Inertial(mass=1.0e-3, p_LCom=np.zeros(3), I_LCom=np.eye(3) * 1.0e-7)
 """What a moving body gets that has no mass at all: a small nylon part."""
 
 
@@ -51,12 +51,12 @@ def readable(urdf: Urdf, rename_mesh: Callable[[Path], str]) -> tuple[ET.Element
         if stated.mass < 0:
             raise source.error("mass is negative", stated.mass, ">= 0 kg")
         if stated.mass > 0 and stated.flaw:
-            moment = max(float(np.abs(np.linalg.eigvalsh(stated.I_LCom)).mean()), _LIGHT.I_LCom[0, 0])
+            moment = max(float(np.abs(np.linalg.eigvalsh(stated.I_LCom)).mean()), _LEAST_INERTIAL.I_LCom[0, 0])
             Inertial(mass=stated.mass, p_LCom=stated.p_LCom, I_LCom=np.eye(3) * moment).write(link)
             report.append(f"link {name}: {stated.flaw}; their mean is used for all three")
     for body in urdf.bodies():
         if urdf.root not in body and not any(inertials[link].mass > 0 for link in body):
-            _LIGHT.write(_named(robot, "link", body[0]))
+            _LEAST_INERTIAL.write(_named(robot, "link", body[0]))
             report.append(f"link {body[0]}: moves but has no mass; 1 g is used")
     for element in robot.findall("joint"):
         followed = urdf.joints[element.get("name", "")].mimic

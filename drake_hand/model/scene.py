@@ -16,7 +16,7 @@ from drake_hand.model.hand import Finger, Hand
 from drake_hand.model.object import Object
 from drake_hand.model.plant import add_hand_and_object
 
-_STEP = 1.0e-3
+_PLANT_STEP_S = 1.0e-3
 """s; a discrete plant keeps mimic joints as constraints. Nothing here steps it."""
 
 
@@ -38,7 +38,7 @@ class Scene:
         builder = DiagramBuilder()
         self.plant: MultibodyPlant
         self.scene_graph: SceneGraph
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, _STEP)
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, _PLANT_STEP_S)
         added = add_hand_and_object(self.plant, self.scene_graph, hand, object)
         self.hand_model, self.object_model, self.report = added.hand, added.object, added.report
         self.plant.Finalize()

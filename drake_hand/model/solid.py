@@ -15,28 +15,28 @@ import numpy as np
 from drake_hand.errors import InputError
 from drake_hand.files import sha256, write_atomic
 from drake_hand.model.meshes import cache_dir, read_mesh
-from drake_hand.model.pieces import WRAP, cut
+from drake_hand.model.pieces import WRAP_CELLS, cut
 
 if TYPE_CHECKING:
     import trimesh
 
 SURFACE_ERROR_M, SURFACE_ERROR_SHARE = 1.0e-3, 0.02
 """Largest surface error that pieces may have: m, or share of the mesh's size, whichever is more."""
-_FINE, _FINE_SHARE = 1.0e-4, 0.003
+_FINE_M, _FINE_SHARE = 1.0e-4, 0.003
 """The same of a mesh that is only simplified."""
-_SAME = 1.0e-5
+_CONVEX_SHARE = 1.0e-5
 """Share of its volume by which a body's hull may be larger for the body to be convex."""
-_FLAT = 1.0e-6
+_FLAT_SHARE = 1.0e-6
 """Volume of a hull, in cubes of the mesh's size, below which there is no solid."""
-_DENSE = 300
+_DENSE_FACES = 300
 """Faces of a convex piece above which it is simplified; more where that is not good enough."""
 _SAMPLES = 1000
 """Points at which the error is measured."""
-_SEAM = 2.0e-4
+_SEAM_M = 2.0e-4
 """m; pieces this near one another have no surface between them that a fingertip could touch."""
-_INPUT = 600
+_DENSE_INPUT_FACES = 600
 """Faces of a concave body above which it is simplified before it is cut."""
-_CONCAVITIES = (0.05, 0.03, 0.02)
+_CONCAVITY_THRESHOLDS = (0.05, 0.03, 0.02)
 """CoACD's threshold, until the error is small enough."""
 _VERSION = "3"
 """Of how meshes are decomposed, for the cache."""
@@ -159,9 +159,9 @@ def _convex(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[trimes
         hull = body.convex_hull
     except Exception as e:  # qhull: it is flat
         raise InputError("mesh is flat", file=file, found=body.extents, expected="a solid") from e
-    if hull.volume < _FLAT * size**3:
+    if hull.volume < _FLAT_SHARE * size**3:
         raise InputError("mesh is flat", file=file, found=body.extents, expected="a solid")
-    if body.is_watertight and hull.volume < body.volume * (1 + _SAME):
+    if body.is_watertight and hull.volume < body.volume * (1 + _CONVEX_SHARE):
         return [hull], 0.0
     off = _error(body, [hull])
     if off <= SURFACE_ERROR_M / 2:
@@ -180,9 +180,9 @@ def _decompose(body: trimesh.Trimesh, file: Path, size: float) -> tuple[list[tri
     """Convex pieces of a concave body and their error, as fine as it takes."""
     import trimesh
 
-    coarse = _fewer(body.vertices, body.faces, _INPUT) if len(body.faces) > _INPUT else body
+    coarse = _fewer(body.vertices, body.faces, _DENSE_INPUT_FACES) if len(body.faces) > _DENSE_INPUT_FACES else body
     best: tuple[float, list[trimesh.Trimesh]] | None = None
-    for concavity in _CONCAVITIES:
+    for concavity in _CONCAVITY_THRESHOLDS:
         found = cut(
             np.asarray(coarse.vertices),
             np.asarray(coarse.faces),
@@ -204,7 +204,7 @@ def _encloses(body: trimesh.Trimesh) -> bool:
     """Whether an open body has an inside: grid cells that its surface shuts off; the grid closes small holes."""
     from scipy.ndimage import binary_fill_holes
 
-    surface = np.pad(body.voxelized(float(body.extents.max()) / WRAP).matrix, 1)
+    surface = np.pad(body.voxelized(float(body.extents.max()) / WRAP_CELLS).matrix, 1)
     return bool(binary_fill_holes(surface).sum() > surface.sum())
 
 
@@ -224,13 +224,13 @@ def _simple(hull: trimesh.Trimesh, size: float) -> tuple[trimesh.Trimesh, float]
     import trimesh
 
     fewer, lost = hull, 0.0
-    for target in (_DENSE, 2 * _DENSE, 4 * _DENSE):
+    for target in (_DENSE_FACES, 2 * _DENSE_FACES, 4 * _DENSE_FACES):
         if len(hull.faces) <= target:
             return hull, 0.0
         corners = np.unique((np.asarray(hull.vertices) @ _directions(target // 2).T).argmax(axis=0))
         fewer = trimesh.convex.convex_hull(hull.vertices[corners])
         lost = _beyond(hull.vertices, fewer)
-        if lost <= max(_FINE, _FINE_SHARE * size):
+        if lost <= max(_FINE_M, _FINE_SHARE * size):
             break
     return fewer, lost
 
@@ -270,7 +270,7 @@ def _outside(hull: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> np.ndarray
 
     share = max(200, _SAMPLES // (len(others) + 1))
     points, faces = trimesh.sample.sample_surface(hull, share, seed=0)
-    above = points + _SEAM * hull.face_normals[faces]
+    above = points + _SEAM_M * hull.face_normals[faces]
     for other in others:
         free = ~_contains(other, above)
         points, above = points[free], above[free]

@@ -9,9 +9,9 @@ import numpy as np
 
 from drake_hand.model.geometry import Geometry
 
-TOUCH = 1e-4
+TABLE_TOUCH_M = 1e-4
 """So near the plane, up or down, an object lies on it, m."""
-_RIM = 16
+_RIM_POINTS = 16
 """Points of a disc's rim that represent it."""
 
 
@@ -33,22 +33,22 @@ class Table:
     def bears(self, feet: np.ndarray, p_OCom: np.ndarray, X_WO: np.ndarray) -> bool:
         """Whether the object at X_WO (4, 4) lies on the plane and does not topple, its mass centre p_OCom (3,) in O."""
         up_O = X_WO[:3, :3].T @ self.up_W
-        if abs(self.gap(feet, X_WO)) > TOUCH:
+        if abs(self.gap(feet, X_WO)) > TABLE_TOUCH_M:
             return False
         points = []
         for centre, axis, disc, ball in zip(feet[:, :3], feet[:, 3:6], feet[:, 6], feet[:, 7], strict=True):
             down = axis * (axis @ up_O) - up_O
             size = np.linalg.norm(down)
-            rim = disc * _circle(axis) if disc * size < TOUCH else disc * down[None] / size
+            rim = disc * _circle(axis) if disc * size < TABLE_TOUCH_M else disc * down[None] / size
             points.append(centre + rim - ball * up_O)
         p_O = np.concatenate(points)
         level = p_O @ up_O
-        p_O = p_O[level < level.min() + TOUCH]
+        p_O = p_O[level < level.min() + TABLE_TOUCH_M]
         from scipy.optimize import nnls  # here, because a task alone does not need it
 
         flat = np.eye(3) - np.outer(up_O, up_O)
         A = np.vstack([((p_O - p_OCom) @ flat).T, np.ones(len(p_O))])
-        return bool(nnls(A, np.array([0.0, 0.0, 0.0, 1.0]))[1] < TOUCH)
+        return bool(nnls(A, np.array([0.0, 0.0, 0.0, 1.0]))[1] < TABLE_TOUCH_M)
 
     @property
     def X_WT(self) -> np.ndarray:
@@ -86,8 +86,8 @@ def feet(geometries: Iterable[Geometry]) -> np.ndarray:
 
 
 def _circle(axis: np.ndarray) -> np.ndarray:
-    """(`_RIM`, 3) unit vectors around an axis."""
+    """(`_RIM_POINTS`, 3) unit vectors around an axis."""
     x = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
     x /= np.linalg.norm(x)
-    angle = np.linspace(0.0, 2 * np.pi, _RIM, endpoint=False)[:, None]
+    angle = np.linspace(0.0, 2 * np.pi, _RIM_POINTS, endpoint=False)[:, None]
     return np.cos(angle) * x + np.sin(angle) * np.cross(axis, x)

@@ -17,7 +17,7 @@ from drake_hand.model.xml import read_xml
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic")
 """Of joints, as far as they are supported."""
-_LARGEST = 1e30
+_LARGEST_NUMBER = 1e30
 """Of any number of a joint: 1e16 is written for no limit, squares of 1e308 are infinite."""
 
 
@@ -170,8 +170,8 @@ def _joint(j: Any, links: tuple[str, ...], file: Path) -> Joint:
     for what, value in {"origin": j.origin, "axis": j.axis, **limits, **follows}.items():
         if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=float))):
             raise InputError("number is not finite", file=file, key=f"{key}: {what}", found=value, expected="finite")
-        if value is not None and np.abs(np.asarray(value, dtype=float)).max() > _LARGEST:
-            bound = f"at most {_LARGEST:g}"
+        if value is not None and np.abs(np.asarray(value, dtype=float)).max() > _LARGEST_NUMBER:
+            bound = f"at most {_LARGEST_NUMBER:g}"
             raise InputError("number is too large", file=file, key=f"{key}: {what}", found=value, expected=bound)
     lower, upper = limits["lower"], limits["upper"]
     if lower is not None and upper is not None and lower > upper:

@@ -16,11 +16,11 @@ from drake_hand.modes.switch import switches
 
 GRAPH_FORMATS = ("svg", "png", "pdf")
 MOST_FINGERS = 6
-NODE_SPACING = 0.46
+NODE_SPACING_IN = 0.46
 """Between neighbours on a ring, inches."""
-RING_GAP = 1.05
+RING_GAP_IN = 1.05
 """Between rings at least, inches: room to tell the edges apart."""
-MARGIN, HEADER = 0.7, 0.8
+MARGIN_IN, HEADER_IN = 0.7, 0.8
 """Around the rings and above them, inches."""
 FILLS = ("#ffffff", "#b5d6f2", "#f9d9a8")
 """Of a mode without contact, with rolling contacts only, with sliding ones."""
@@ -36,7 +36,7 @@ def layout(n: int) -> tuple[dict[Mode, np.ndarray], list[float]]:
     """
     radii = [0.0]
     for count in contact_counts(n)[1:]:
-        radii.append(max(radii[-1] + RING_GAP, count * NODE_SPACING / math.tau))
+        radii.append(max(radii[-1] + RING_GAP_IN, count * NODE_SPACING_IN / math.tau))
     places: dict[Mode, np.ndarray] = {}
     for k, radius in enumerate(radii):
         ring = sorted((m for m in all_modes(n) if len(m.touching) == k), key=lambda m: (m.touching, m))
@@ -73,8 +73,8 @@ def draw(path: Path, fingers: Sequence[str], *, title: str, highlight: Mode | No
     from matplotlib.patches import Circle, Patch
 
     places, radii = layout(n)
-    half = radii[-1] + MARGIN
-    height = 2 * half + HEADER
+    half = radii[-1] + MARGIN_IN
+    height = 2 * half + HEADER_IN
     figure = Figure(figsize=(2 * half, height))
     axes = figure.add_axes((0, 0, 1, 2 * half / height))
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")

@@ -18,9 +18,9 @@ from drake_hand.modes.constraints import LIMITS, MINIMUM_DISTANCE, ModeProgram, 
 from drake_hand.modes.corridor import CORRIDOR_POSITION, CORRIDOR_ROTATION
 from drake_hand.modes.situation import object_of
 
-TOLERANCE = 1e-5
+IK_CONSTRAINT_TOLERANCE = 1e-5
 """A constraint violated by at most this counts as kept, m or rad."""
-AT_LIMIT = 1e-3
+AT_LIMIT_MARGIN = 1e-3
 """A joint is said to be at its limit within this, rad or m."""
 
 
@@ -75,7 +75,9 @@ def solve_ik(program: ModeProgram) -> ModeSolution:
         positions = result.GetSolution(program.ik.q())
         q, X_WO = program.commanded(positions), program.pose(positions)
         within = np.clip(q, program.scene.hand.q_lower, program.scene.hand.q_upper)
-        q = np.where(np.abs(within - q) <= TOLERANCE, within, q)  # SNOPT's bounds have a tolerance of their own
+        q = np.where(
+            np.abs(within - q) <= IK_CONSTRAINT_TOLERANCE, within, q
+        )  # SNOPT's bounds have a tolerance of their own
         if find_violations(program, q, X_WO):
             submodels = dict(zip([f.name for f in program.scene.hand.fingers], program.mode.submodels, strict=True))
             fixed = {n: p_OC for n, p_OC in program.p_OC.items() if submodels[n] is Submodel.ROLL}
@@ -135,7 +137,7 @@ def find_violations(program: ModeProgram, q: np.ndarray, X_WO: np.ndarray) -> li
         short = program.options.clearance - distance
         distances.append(Violation(finger=owner, constraint=MINIMUM_DISTANCE, amount=short, where=f"{a} and {b}"))
     kinds = (sorted(kind, key=lambda v: -v.amount) for kind in (contacts, corridor, limits, distances))
-    return [v for kind in kinds for v in kind if v.amount > TOLERANCE]
+    return [v for kind in kinds for v in kind if v.amount > IK_CONSTRAINT_TOLERANCE]
 
 
 def _infeasible(program: ModeProgram, q: np.ndarray, X_WO: np.ndarray, violations: list[Violation]) -> Infeasible:
@@ -146,7 +148,7 @@ def _infeasible(program: ModeProgram, q: np.ndarray, X_WO: np.ndarray, violation
         if finger.name == worst.finger
         for column in finger.columns
         for limit, word in ((hand.q_lower, "lower"), (hand.q_upper, "upper"))
-        if abs(q[column] - limit[column]) < AT_LIMIT
+        if abs(q[column] - limit[column]) < AT_LIMIT_MARGIN
     ]
     evidence = Evidence(
         mode=program.mode.code,

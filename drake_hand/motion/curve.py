@@ -10,14 +10,14 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from drake_hand.plans.path import Leg, Path
-from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH_M
 from drake_hand.plans.trajectory import poses_with_rates, quaternions
 
 INERTIA_SHARE = 0.005
 """Largest force along one axis that moving the object may take in plans with contact forces, in weights (torque: in
 weights x 10 mm). Those forces balance gravity; this leaves most of the certificate's tolerance to them."""
 
-_GRID = 201
+_GRID_POINTS = 201
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class RateLimits:
         if any(leg.f_W for leg in path.legs) and path.task.options.timing != "fast":
             force = INERTIA_SHARE * mass * STANDARD_GRAVITY
             speed = np.concatenate([speed, np.full(6, np.inf)])
-            acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * TORQUE_LENGTH)])
+            acceleration = np.concatenate([acceleration, np.full(3, force), np.full(3, force * TORQUE_LENGTH_M)])
         return cls(
             speed=speed,
             acceleration=acceleration,
@@ -91,7 +91,7 @@ class Curve:
     @cached_property
     def momentum(self) -> BSpline:
         """(6) linear and angular momentum of the object per unit of ds/dt."""
-        s = np.linspace(0.0, 1.0, max(_GRID, 4 * len(self._s)))
+        s = np.linspace(0.0, 1.0, max(_GRID_POINTS, 4 * len(self._s)))
         x, dx, ddx = (self._spline(s, order)[:, self.nq : self.nq + 7] for order in range(3))
         X, V, _ = poses_with_rates(x, dx, ddx)
         R, w = X[:, :3, :3], V[:, :3]

@@ -15,10 +15,10 @@ from drake_hand.plans.path import Leg
 
 ROUNDING_M = 2.5e-4
 """How far a fingertip may leave its path where corners are rounded, m: less than the clearance of paths."""
-_WIDEST = np.radians(8.0)
+_WIDEST_CORNER_RAD = np.radians(8.0)
 """Way of the joints over which a corner is rounded at most."""
-_HALVINGS = 6
-_KNOTS = 4
+_MOST_HALVINGS = 6
+_CORNER_KNOTS = 4
 """Per piece of the rounded path."""
 
 
@@ -69,15 +69,15 @@ def _joined(legs: list[Leg], hand: Hand) -> Leg:
     """One leg along the joints of several, rounded as widely as fingertips may leave their path."""
     q = np.concatenate([legs[0].q[:1], *[leg.q[1:] for leg in legs]])
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
-    width = _WIDEST
-    for _ in range(_HALVINGS):
+    width = _WIDEST_CORNER_RAD
+    for _ in range(_MOST_HALVINGS):
         n = max(6, int(np.ceil(way[-1] / width)))
         control = linear(np.linspace(0.0, way[-1], n + 1), way, q)
         curve = _uniform(control)
         if _moved(hand, curve(_greville(curve)), control) <= ROUNDING_M:
             break
         width /= 2
-    s = np.linspace(0.0, 1.0, _KNOTS * n + 1)
+    s = np.linspace(0.0, 1.0, _CORNER_KNOTS * n + 1)
     along = _uniform(np.linspace(0.0, way[-1], n + 1)[:, None])(s)[:, 0]
     first = legs[0]
 

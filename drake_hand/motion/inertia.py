@@ -10,16 +10,16 @@ from scipy.interpolate import PPoly
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.model.scene import Scene
 from drake_hand.motion.curve import Curve
-from drake_hand.plans.tolerances import TORQUE_LENGTH
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 from drake_hand.plans.trajectory import rotations
 
 FRICTION_SHARE = 0.6
 """Of the friction the task states, what contacts may use while they move the object: a little more than what plans rely
 on where it rests or moves slowly (0.55)."""
-OWN_N = 0.05
+OWN_INERTIA_N = 0.05
 """Force that the inertia of a finger itself may take from what it presses, N: it is not made up for. A quarter of what
 the certificate lets forces be off."""
-_LEAST_PRESS = 0.05
+_LEAST_PRESS_N = 0.05
 """N with which every contact keeps pressing."""
 _SAMPLES = 61
 
@@ -48,7 +48,7 @@ class Inertia:
         s, ds, dds = np.clip(law(t), 0.0, 1.0), law(t, 1)[:, None], law(t, 2)[:, None]
         momentum = self._curve.momentum
         wrench = momentum(s, 1) * ds**2 + momentum(s) * dds
-        wrench[:, 3:] /= TORQUE_LENGTH
+        wrench[:, 3:] /= TORQUE_LENGTH_M
         x, _, extra = self._curve.coordinates(s)
         p_WP, normal, J = self._contacts(x, extra)
         n, k = p_WP.shape[:2]
@@ -56,8 +56,8 @@ class Inertia:
         arm = p_WP - (R @ self._curve.limits.p_OCom + p_WO)[:, None]
         grasp = np.zeros((n, 6, k, 4))
         grasp[:, :3, :, :3] = np.eye(3)[:, None]
-        grasp[:, 3:, :, :3] = skew(arm).transpose(0, 2, 1, 3) / TORQUE_LENGTH
-        grasp[:, 3:, :, 3] = normal.transpose(0, 2, 1) * self._radius / TORQUE_LENGTH
+        grasp[:, 3:, :, :3] = skew(arm).transpose(0, 2, 1, 3) / TORQUE_LENGTH_M
+        grasp[:, 3:, :, 3] = normal.transpose(0, 2, 1) * self._radius / TORQUE_LENGTH_M
         share = np.linalg.pinv(grasp.reshape(n, 6, 4 * k)) @ wrench[..., None]
         f_W = share.reshape(n, k, 4)[..., :3]
         offset = np.zeros((n, self._hand.nq))
@@ -76,7 +76,7 @@ class Inertia:
             f = extra[f"f_W {name}"] + more[name]
             press = -np.sum(f * normal[:, i], axis=1)
             aside = np.linalg.norm(f + press[:, None] * normal[:, i], axis=1)
-            if (press < _LEAST_PRESS).any() or (aside > FRICTION_SHARE * self._friction * press).any():
+            if (press < _LEAST_PRESS_N).any() or (aside > FRICTION_SHARE * self._friction * press).any():
                 return False
         return True
 

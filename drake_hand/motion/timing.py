@@ -14,7 +14,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.motion import law as laws
 from drake_hand.motion.curve import Curve, RateLimits
 from drake_hand.motion.flow import flowing
-from drake_hand.motion.inertia import OWN_N, Inertia
+from drake_hand.motion.inertia import OWN_INERTIA_N, Inertia
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.trajectory import hermite
@@ -25,14 +25,14 @@ RAMP_S = 0.3
 """Duration of a leg in which only forces change, s."""
 FAST_RAMP_S = 0.06
 """The same with ``timing: fast``, s: three times what a pad or a servo takes to settle."""
-SLOWDOWN = 1.1
+SLOWDOWN_FACTOR = 1.1
 """Factor by which a leg is slowed down, repeatedly, until the contacts bear it."""
 
-_GRID = 201
-_JOINTS, _POSE = 5e-6, 5e-7
-_CONTACTS = {"p_OP": 2e-6, "f_W": 2e-3, "q_offset": 2e-5}
+_GRID_POINTS = 201
+_JOINT_TOLERANCE, _POSE_TOLERANCE = 5e-6, 5e-7
+_CONTACT_TOLERANCES = {"p_OP": 2e-6, "f_W": 2e-3, "q_offset": 2e-5}
 """What the plan's interpolation between knots may add: rad, m or quaternion; m, weights of the object, rad."""
-_DECIMALS = 10
+_LAW_DECIMALS = 10
 
 
 def time_path(path: Path) -> Plan:
@@ -116,7 +116,7 @@ class _Timed:
         """The factor by which its duration is too short; below 1 it could be faster."""
         breaks = self.law.x
         # both sides of every break, where the acceleration of s jumps
-        t = np.unique(np.concatenate([np.linspace(0.0, breaks[-1], 2 * _GRID), breaks, breaks[1:] - 1e-12]))
+        t = np.unique(np.concatenate([np.linspace(0.0, breaks[-1], 2 * _GRID_POINTS), breaks, breaks[1:] - 1e-12]))
         s, ds, dds = (self.law(t, order)[:, None] for order in range(3))
         first, second = self.curve.rates(np.clip(s[:, 0], 0.0, 1.0))
         limits = self.curve.limits
@@ -139,7 +139,9 @@ class _Timed:
         t = np.linspace(0.0, self.law.x[-1], 13 if self.curve.moves else 2)
         x, dx, contacts = self.rows(t)
         loads = np.hstack(list(contacts.values())) if contacts else np.zeros((len(t), 0))
-        tolerance = np.concatenate([np.full(self.curve.nq, _JOINTS), np.full(7, _POSE), *map(self._allowed, contacts)])
+        tolerance = np.concatenate(
+            [np.full(self.curve.nq, _JOINT_TOLERANCE), np.full(7, _POSE_TOLERANCE), *map(self._allowed, contacts)]
+        )
         u = np.array([0.25, 0.5, 0.75])
         begin = np.arange(len(t) - 1)
         for _ in range(8):
@@ -167,7 +169,7 @@ class _Timed:
         """What the interpolation of a contact's point or force, or of the offsets, may add."""
         kind = name.partition(" ")[0]
         unit = self.curve.limits.weight if kind == "f_W" else 1.0
-        return np.full(self.curve.nq if kind == "q_offset" else 3, _CONTACTS[kind] * unit)
+        return np.full(self.curve.nq if kind == "q_offset" else 3, _CONTACT_TOLERANCES[kind] * unit)
 
 
 def _time(curve: Curve, optimal: bool) -> _Timed:
@@ -189,9 +191,9 @@ def _fast(curve: Curve, path: Path, scene: Scene) -> _Timed:
     inertia = Inertia(curve, scene, path.task.physics.friction)
     timed = _Timed(curve=curve, law=laws.smooth(), inertia=inertia)
     timed = timed.stretched(timed.excess())
-    timed = timed.stretched(max(1.0, np.sqrt(inertia.own(timed.law) / OWN_N)))
+    timed = timed.stretched(max(1.0, np.sqrt(inertia.own(timed.law) / OWN_INERTIA_N)))
     while not inertia.bearable(timed.law):
-        timed = timed.stretched(SLOWDOWN)
+        timed = timed.stretched(SLOWDOWN_FACTOR)
     return timed
 
 
@@ -217,7 +219,7 @@ def _part(legs: list[_Timed], before: Part | None) -> Part:
     times, rates = times * stretch + (before.t[-1] if before else 0.0), rates / stretch
 
     def rounded(values: np.ndarray) -> list:
-        return np.round(values, _DECIMALS).tolist()
+        return np.round(values, _LAW_DECIMALS).tolist()
 
     loads = {name: rounded(values) for name, values in joined.items()}
     leg = legs[0].curve.leg

@@ -25,12 +25,12 @@ TABLE = "table"
 """Name of the plane it may lie on."""
 ROLLING_LEVER_M = 5.0e-5
 """Lever of the table's rolling resistance, m: what rolls on it at a millimetre a second stops at once, as on wood."""
-IMPEDANCE = 0.9
+CONTACT_IMPEDANCE = 0.9
 """Of fingertip contacts, constant over depth: what share of a contact is constraint, the rest gives way."""
 IMPRATIO = 1000.0
 """How much stiffer contacts are along the surface than along the normal.
 
-MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRATIO IMPEDANCE relaxation stiffness)
+MuJoCo's friction resists speed: below its limit a contact creeps at T / (IMPRATIO impedance relaxation stiffness)
 under a tangential force T. At 10, which models of hands often have, these pads creep at 1 mm/s per newton, which no pad
 does: what fingers press against each other with bleeds away in seconds (google-deepmind/mujoco, issue 3328).
 """
@@ -252,7 +252,7 @@ def _soften(spec: mujoco.MjSpec, hand: Hand, pad_stiffness: np.ndarray, relaxati
     thing = model.body(OBJECT_NAME).invweight0[0]
     for finger, name, k in zip(hand.fingers, tip_shapes(hand), pad_stiffness, strict=True):
         A = model.body(finger.tip_link).invweight0[0] + thing
-        stiffness = k * (1 - IMPEDANCE) * A
+        stiffness = k * (1 - CONTACT_IMPEDANCE) * A
         geom = spec.geom(name)
         geom.solref = [-stiffness, -relaxation * stiffness]
-        geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
+        geom.solimp = [CONTACT_IMPEDANCE, CONTACT_IMPEDANCE, 1e-3, 0.5, 2.0]

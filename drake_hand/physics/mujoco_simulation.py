@@ -12,7 +12,7 @@ from drake_hand.model.table import Table
 from drake_hand.physics.engine import Perturbation, Touch
 from drake_hand.physics.mujoco_model import MUJOCO_STEP_S, OBJECT_NAME, TABLE, build_model, controls, put, tip_shapes
 
-_HELD = 1.0e6
+_FIXTURE_INERTIA = 1.0e6
 """Inertia (kg, kg m^2) added to the object while the fixture has it: it then stays where it is, whatever pushes it."""
 
 
@@ -88,7 +88,7 @@ class MujocoSimulation:
 
     def take_back(self) -> None:
         """Has the fixture hold the object again, where it is."""
-        self._weigh(_HELD)
+        self._weigh(_FIXTURE_INERTIA)
         self.data.qvel[self._dofs] = 0.0
 
     def advance(self, t: float) -> None:

@@ -11,7 +11,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.engine import stiffer
 from drake_hand.plans.plan import Plan
 
-_PRESSED = 0.05
+_PRESSED_N = 0.05
 """N; below it a contact is being made or broken."""
 
 
@@ -39,7 +39,7 @@ def pad_stiffness(plan: Plan, hand: Hand, object_: Object, stiffness: float = 1.
         if not forces:
             continue
         size = np.linalg.norm(forces, axis=1)
-        pressed = size > _PRESSED
+        pressed = size > _PRESSED_N
         if not pressed.any():
             continue
         p_OP, force = np.array(points)[pressed], size[pressed]

@@ -15,7 +15,7 @@ from drake_hand.plans.trajectory import Trajectory, turned_about
 
 POSITION_MM, ROTATION_DEG = 3.0, 8.0
 """Success: not dropped, at the end within this of the plan (tilt, and turn about the axis)."""
-_REPORT_EVERY = 0.1
+_REPORT_S = 0.1
 """s between the errors reported."""
 
 
@@ -110,7 +110,7 @@ def judge(
     for pairs, counts in zip(record.strays, k, strict=True):
         for pair in pairs if counts else ():
             strays[pair] = strays.get(pair, 0.0) + step
-    thin = slice(None, None, max(1, round(_REPORT_EVERY / step)))
+    thin = slice(None, None, max(1, round(_REPORT_S / step)))
 
     def reported(values: np.ndarray, digits: int) -> list[float]:
         return [round(float(x), digits) for x in values[thin]]

@@ -28,7 +28,7 @@ from drake_hand.physics.simulation import ContactKind
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 
-_LOOK_EVERY = 0.1
+_LOOK_S = 0.1
 """s between looks at how far the workers are."""
 
 
@@ -198,7 +198,7 @@ def _in_processes(
                 futures[pool.submit(_one, run, change, seed, i)] = i
         waiting = set(futures)
         while waiting:
-            finished, waiting = wait(waiting, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
+            finished, waiting = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
             for future in finished:
                 shares[futures[future]] = 1.0
                 yield futures[future], future.result(), sum(shares)

@@ -49,17 +49,17 @@ ContactKind = Literal["hydroelastic", "point"]
 
 DRAKE_STEP_S = 2.5e-3
 """Time step, s. At 1 ms a full turn of the pencil ends no nearer to the plan, and takes more than twice as long."""
-_PAD_MESH = 2.0e-3
+_PAD_MESH_M = 2.0e-3
 """Edge length of a fingertip's hydroelastic mesh, m."""
 _SIDES, _SIDES_ON_TABLE = 32, 128
 """Of the polyhedron that represents a round object; on a table it rolls onto one of them."""
-_HARD = 1.0e7
+_OBJECT_STIFFNESS_N_M = 1.0e7
 """Point-contact stiffness of the object, N/m: the pads alone yield."""
 
 
-_TABLE_M, _TABLE_THICK_M, _TABLE_MODULUS = 1.0, 0.1, 1.0e7
+_TABLE_M, _TABLE_THICK_M, _TABLE_MODULUS_PA = 1.0, 0.1, 1.0e7
 """Of the table, m and Pa: a cube of 40 g sinks a micrometre into it, a pencil nine; what is harder makes them jump."""
-_TABLE_DISSIPATION, _TABLE_RELAXATION = 1.0, 0.01
+_TABLE_DISSIPATION_S_PER_M, _TABLE_RELAXATION_S = 1.0, 0.01
 """s/m and s: nothing bounces on it."""
 
 
@@ -113,11 +113,11 @@ class DrakeSimulation:
         )
         tip, body = ProximityProperties(), ProximityProperties()
         AddContactMaterial(pad.dissipation_s_m, pad.point_stiffness_n_m, material, tip)
-        AddContactMaterial(0.0, _HARD, material, body)
+        AddContactMaterial(0.0, _OBJECT_STIFFNESS_N_M, material, body)
         tip.AddProperty("material", "relaxation_time", pad.relaxation_time_s)
         body.AddProperty("material", "relaxation_time", 0.0)
         if contact == "hydroelastic":
-            AddCompliantHydroelasticProperties(_PAD_MESH, pad.hydroelastic_modulus_pa, tip)
+            AddCompliantHydroelasticProperties(_PAD_MESH_M, pad.hydroelastic_modulus_pa, tip)
             AddRigidHydroelasticProperties(_edge(object_, _SIDES_ON_TABLE if table else _SIDES), body)
         object_ = object_.with_mass(object_.mass * change.mass)
         shapes = tuple(replace(g, size=_grown(g.kind, g.size, body)) for g in object_.geometries)
@@ -281,9 +281,9 @@ class DrakeSimulation:
 def _add_table(plant: MultibodyPlant, table: Table, material: CoulombFriction) -> GeometryId:
     """A wide box, hard, but less than the object, so that they meet over an area."""
     properties = ProximityProperties()
-    AddContactMaterial(_TABLE_DISSIPATION, None, material, properties)
-    properties.AddProperty("material", "relaxation_time", _TABLE_RELAXATION)
-    AddCompliantHydroelasticProperties(_TABLE_M, _TABLE_MODULUS, properties)
+    AddContactMaterial(_TABLE_DISSIPATION_S_PER_M, None, material, properties)
+    properties.AddProperty("material", "relaxation_time", _TABLE_RELAXATION_S)
+    AddCompliantHydroelasticProperties(_TABLE_M, _TABLE_MODULUS_PA, properties)
     X_WB = RigidTransform(table.X_WT) @ RigidTransform([0.0, 0.0, -_TABLE_THICK_M / 2])
     shape = Box(_TABLE_M, _TABLE_M, _TABLE_THICK_M)
     return plant.RegisterCollisionGeometry(plant.world_body(), X_WB, shape, "table", properties)

@@ -25,17 +25,17 @@ from drake_hand.planning.kernels import clear
 
 CLEARANCE_M = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
-_BEYOND, _MOST = 1.0e-3, 150
+_BEYOND_M, _MOST_SPHERES = 1.0e-3, 150
 """How far the spheres that cover a link's boxes and meshes reach beyond them, m, where no more than so many do."""
-_OBJECT_BEYOND, _OBJECT_MOST = 2.0e-3, 600
+_OBJECT_BEYOND_M, _OBJECT_MOST_SPHERES = 2.0e-3, 600
 """The same of those that cover the object, where it is to keep clear of the palm."""
 LIMIT_MARGIN_RAD = np.radians(2.0)
 """Kept from joint limits: servos that press are commanded up to effort / stiffness, 1.7 deg, off target."""
-_GROUP = 24
+_GROUP_SPHERES = 24
 """Spheres of a link that are looked at together."""
 _GRID = {1: 40, 2: 14, 3: 8}
 """Postures per joint of the grid, by number of joints; 5 for more."""
-_FAR = 5.0e-3
+_FAR_M = 5.0e-3
 """Clearances above this need not be exact, m; what is returned is then a lower bound."""
 
 
@@ -84,16 +84,16 @@ class _Solid:
         G, starts = len(s.around), [rows.start for _, rows in s.groups]
         around = self._outside(p[:, :G]) - s.around
         around[:, ~np.logical_or.reduceat(use, starts)] = np.inf
-        near = around < _FAR
+        near = around < _FAR_M
         least = np.where(near, np.inf, around).min(axis=1)
         if near.any():
             pick = np.repeat(near, np.diff([*starts, len(use)]), axis=1) & use
             gap, some = np.full(pick.shape, np.inf), p[:, G:][pick]
             radius = np.broadcast_to(s.radius, pick.shape)[pick]
             exact = self._outside(some) - radius
-            close = exact < _FAR
+            close = exact < _FAR_M
             distance = np.empty(int(close.sum()))
-            clear.distances(self._arrays, some[close], _FAR + float(radius.max(initial=0.0)), distance)
+            clear.distances(self._arrays, some[close], _FAR_M + float(radius.max(initial=0.0)), distance)
             exact[close] = distance - radius[close]
             gap[pick] = exact
             least = np.minimum(least, gap.min(axis=1))
@@ -183,7 +183,7 @@ class Clearance:
         """(N,) least clearance between fingers i and j, row by row; a single row of either is repeated."""
         s, t = self._spheres[i], self._spheres[j]
         gap = _distances(a[:, : len(s.around)], b[:, : len(t.around)]) - s.around[:, None] - t.around
-        near = gap < _FAR
+        near = gap < _FAR_M
         least = np.where(near, np.inf, gap).min(axis=(1, 2))
         for k, m in zip(*np.nonzero(near.any(axis=0)), strict=True):
             rows, own, other = np.flatnonzero(near[:, k, m]), s.groups[k][1], t.groups[m][1]
@@ -234,13 +234,13 @@ def _cover(scene: Scene, finger: Finger) -> Spheres:
     groups: list[tuple[RigidBody, slice]] = []
     count = 0
     for index, body, X_JL in _bodies(scene, finger):
-        shapes = [cover(g, beyond=_BEYOND, most=_MOST) for _, g in _geometries(scene, body)]
+        shapes = [cover(g, beyond=_BEYOND_M, most=_MOST_SPHERES) for _, g in _geometries(scene, body)]
         if not shapes:
             continue
         p_J = np.concatenate([p for p, _ in shapes]) @ X_JL[:3, :3].T + X_JL[:3, 3]
         r_J = np.concatenate([r for _, r in shapes])
         order = np.argsort(p_J[:, np.ptp(p_J, axis=0).argmax()], kind="stable")
-        for rows in np.array_split(order, range(_GROUP, len(order), _GROUP)):
+        for rows in np.array_split(order, range(_GROUP_SPHERES, len(order), _GROUP_SPHERES)):
             p, r = p_J[rows], r_J[rows]
             points.append(p)
             radii.append(r)
@@ -286,7 +286,7 @@ def _keeps_off(scene: Scene, spheres: Spheres, bodies: list[RigidBody]) -> np.nd
 
 
 def _cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    found = [cover(g, beyond=_OBJECT_BEYOND, most=_OBJECT_MOST) for g in surface.geometries]
+    found = [cover(g, beyond=_OBJECT_BEYOND_M, most=_OBJECT_MOST_SPHERES) for g in surface.geometries]
     return np.concatenate([p for p, _ in found]), np.concatenate([r for _, r in found])
 
 

@@ -18,15 +18,15 @@ from drake_hand.planning.kernels.cover import choose
 if TYPE_CHECKING:
     import trimesh
 
-_FINE = 2.5
+_FINE_EDGE_RATIO = 2.5
 """Longest edge of the triangles that are covered one by one, over how far spheres may reach beyond the shape."""
-_DEPTHS = (1.0, 2.0, 4.0, 8.0)
+_DEPTH_RATIOS = (1.0, 2.0, 4.0, 8.0)
 """Of centres under the surface, over the same."""
 _DRAWN = 1500
 """About how many centres of each depth are enough for most of a shape."""
-_COARSER = 1.2, 2.0
+_COARSER_RATIOS = 1.2, 2.0
 """By how much, at least and at most, it grows at a time until the spheres are few enough."""
-_TRIANGLES = 2000
+_MOST_TRIANGLES = 2000
 """About how many triangles there may be."""
 
 
@@ -66,13 +66,15 @@ def _cover_mesh(vertices: bytes, faces: bytes, beyond: float, most: int) -> tupl
     import trimesh
 
     mesh = trimesh.Trimesh(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, dtype=int).reshape(-1, 3))
-    beyond = max(beyond, float(np.sqrt(4 * mesh.area / _TRIANGLES)) / _FINE)
+    beyond = max(beyond, float(np.sqrt(4 * mesh.area / _MOST_TRIANGLES)) / _FINE_EDGE_RATIO)
     while True:
-        points, triangles = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, _FINE * beyond, max_iter=30)
+        points, triangles = trimesh.remesh.subdivide_to_size(
+            mesh.vertices, mesh.faces, _FINE_EDGE_RATIO * beyond, max_iter=30
+        )
         found = _spheres(mesh, np.asarray(points)[triangles], beyond)
         if len(found[1]) <= most:
             return found
-        beyond *= float(np.clip(np.sqrt(len(found[1]) / most), *_COARSER))
+        beyond *= float(np.clip(np.sqrt(len(found[1]) / most), *_COARSER_RATIOS))
 
 
 def _spheres(mesh: trimesh.Trimesh, triangles: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +88,7 @@ def _spheres(mesh: trimesh.Trimesh, triangles: np.ndarray, beyond: float) -> tup
 
     def deep(rows: np.ndarray, fewer: int) -> tuple[np.ndarray, np.ndarray]:
         p = np.concatenate(
-            [(middle[rows] - depth * beyond * normal[rows])[:: max(int(depth), 2, fewer)] for depth in _DEPTHS]
+            [(middle[rows] - depth * beyond * normal[rows])[:: max(int(depth), 2, fewer)] for depth in _DEPTH_RATIOS]
         )
         r = (offset - p @ out.T).min(axis=1) + beyond
         return p[r > 2 * beyond], r[r > 2 * beyond]

@@ -15,9 +15,9 @@ from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import Node
 from drake_hand.planning.switches import draw_switches, leaves
 
-EXPANSIONS = 20
+EASE_EXPANSIONS = 20
 """Grasps whose switches are tried, at most."""
-GRASPS = 20
+EASY_GRASPS = 20
 """Grasps looked for, of those that can spare every finger; and returned, of those that can spare most."""
 
 
@@ -26,8 +26,8 @@ def at_ease(
     grasps: list[Node],
     able: Callable[[Node], bool] = lambda root: True,
     *,
-    expansions: int = EXPANSIONS,
-    most: int = GRASPS,
+    expansions: int = EASE_EXPANSIONS,
+    most: int = EASY_GRASPS,
 ) -> list[Node]:
     """Those of some grasps, and of others a few switches from them, that can spare most fingers.
 

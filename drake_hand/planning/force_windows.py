@@ -19,7 +19,7 @@ BLOCK_KNOTS = 40
 """Knots, at least, whose forces are taken from one window ..."""
 OVERLAP_KNOTS = 16
 """... and knots that the window has beyond them on either side."""
-_DECIMALS = 9
+_ALIKE_DECIMALS = 9
 """To which windows are alike: m, N, Nm."""
 
 
@@ -79,4 +79,4 @@ def _key(sets: ContactSets, problem: ForceProblem) -> bytes:
         sets.n_W[on],
         sets.J_WP[on],
     ]
-    return b"|".join((np.round(np.asarray(x, dtype=float), _DECIMALS) + 0.0).tobytes() for x in parts)
+    return b"|".join((np.round(np.asarray(x, dtype=float), _ALIKE_DECIMALS) + 0.0).tobytes() for x in parts)

@@ -14,7 +14,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
-from drake_hand.model.table import TOUCH
+from drake_hand.model.table import TABLE_TOUCH_M
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
@@ -33,7 +33,7 @@ SETS_EXAMINED, SETS_EXPLAINED = 300, 20
 """Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
 LASTING_FINGERS = 3
 """Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
-AMPLE_FRICTION, AMPLE_EFFORT = 10.0, 100.0
+AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
 LOOKAHEAD_STEPS = 40
 """How far their contacts are followed along the nominal path, coarse steps."""
@@ -70,7 +70,7 @@ def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:
                 what = f"the object overlaps {other} by {depth * 1e3:.1f} mm (collision)"
                 raise no_plan(what, mode=code(hand, ()), constraint=f"collision with {other}", X_WO=X)
         sunk = 0.0 if clearance.table is None else -clearance.table.gap(clearance.feet, X)
-        if sunk > TOUCH:
+        if sunk > TABLE_TOUCH_M:
             what = f"a step ends with the object {sunk * 1e3:.1f} mm in the table"
             raise no_plan(what, mode=code(hand, ()), constraint="collision with the table", X_WO=X)
 
@@ -221,7 +221,7 @@ def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.nda
         (
             f"the joints' efforts are too small for a weight of {np.linalg.norm(load.force_W):.3g} N",
             "effort",
-            load._replace(effort=AMPLE_EFFORT * load.effort),
+            load._replace(effort=AMPLE_EFFORT_RATIO * load.effort),
         ),
     )
     for words, constraint, other in eased:

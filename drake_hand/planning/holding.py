@@ -54,9 +54,9 @@ class Equilibrium:
     """Of the friction the task states, what plans rely on: the rest is for what was not modelled."""
     EFFORT_SHARE = 0.85
     """Of each joint's effort, likewise."""
-    POSE_ERROR = 1.0e-3
+    POSE_ERROR_M = 1.0e-3
     """Error of the object's pose that contacts are preloaded against, m."""
-    LEAST_PRELOAD = 0.35
+    LEAST_PRELOAD_N = 0.35
     """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
 
     def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
@@ -81,7 +81,7 @@ class Equilibrium:
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]
 
     def wanted(self, hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
-        """Normal forces to plan for: a tip this stiff still touches when the object is `POSE_ERROR` farther away.
+        """Normal forces to plan for: a tip this stiff still touches when the object is `POSE_ERROR_M` farther away.
 
         Args:
             hand: the hand.
@@ -93,7 +93,7 @@ class Equilibrium:
         """
         torque = np.abs(np.einsum("nkim,nki->nkm", J_WP, n_W))
         reach = np.min(self.effort / np.maximum(torque, 1e-6), axis=2)
-        return np.minimum(np.maximum(self.POSE_ERROR * tip_stiffness(hand, J_WP, n_W), self.LEAST_PRELOAD), reach)
+        return np.minimum(np.maximum(self.POSE_ERROR_M * tip_stiffness(hand, J_WP, n_W), self.LEAST_PRELOAD_N), reach)
 
     def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
         """Preload every contact can be given, less the one wanted, N.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.model.table import TOUCH, feet
+from drake_hand.model.table import TABLE_TOUCH_M, feet
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.object_path import pose
@@ -33,7 +33,7 @@ def check_start(task: Task, clearance: Clearance) -> None:
         raise InputError("the palm is in the table", key="support.plane_mm", found=found, expected=expected)
     X_WO = pose(task.start)
     gap = table.gap(clearance.feet, X_WO)
-    if abs(gap) > TOUCH:
+    if abs(gap) > TABLE_TOUCH_M:
         found = f"{abs(gap) * 1e3:.2f} mm {'above' if gap > 0 else 'in'} it"
         lies = np.round((X_WO[:3, 3] - gap * table.up_W) * 1e3, 2).tolist()
         expected = f"it lies at xyz_mm: {lies}"
@@ -53,5 +53,5 @@ def check_release(clearance: Clearance, X_WO: np.ndarray, mode: str) -> None:
     if table is None or table.bears(clearance.feet, clearance.p_OCom, X_WO):
         return
     gap = table.gap(clearance.feet, X_WO)
-    what = "the object would topple" if gap <= TOUCH else f"the object would fall {gap * 1e3:.1f} mm"
+    what = "the object would topple" if gap <= TABLE_TOUCH_M else f"the object would fall {gap * 1e3:.1f} mm"
     raise no_plan(f"{what} if it were let go here", mode=mode, constraint="table", X_WO=X_WO)

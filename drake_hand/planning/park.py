@@ -14,9 +14,9 @@ from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.object_path import ObjectPath
 
-_POSES = 40
+_CHECKED_POSES = 40
 """Poses of the object at which a waiting finger is checked."""
-_BATCH = 64
+_BATCH_POSTURES = 64
 """Postures tried at once."""
 
 
@@ -45,7 +45,7 @@ def park(
     hand = clearance.hand
     rest = hand.q_home if rest is None else rest
     q = rest.copy()
-    some = path.X_WO[np.unique(np.linspace(0, path.ticks, _POSES).astype(int))]
+    some = path.X_WO[np.unique(np.linspace(0, path.ticks, _CHECKED_POSES).astype(int))]
     placed = [(i, clearance.centres(i, rest[None, hand.fingers[i].columns])) for i in touching]
 
     def clear(i: int, postures: np.ndarray) -> np.ndarray:
@@ -78,5 +78,5 @@ def _near(clearance: Clearance, i: int, rest: np.ndarray) -> Iterator[np.ndarray
     yield rest[None]
     grid = clearance.postures(i).q
     grid = grid[np.argsort(np.abs(grid - rest).max(axis=1), kind="stable")]
-    for start in range(0, len(grid), _BATCH):
-        yield grid[start : start + _BATCH]
+    for start in range(0, len(grid), _BATCH_POSTURES):
+        yield grid[start : start + _BATCH_POSTURES]

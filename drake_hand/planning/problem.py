@@ -29,7 +29,7 @@ from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
-LEAST_PRELOAD, PRELOAD_SHARE, MOST_PRELOAD = 0.1, 0.6, 0.35
+LEAST_PRELOAD_N, PRELOAD_SHARE, MOST_PRELOAD_N = 0.1, 0.6, 0.35
 """Normal force every contact must be able to bear in addition to balancing the object: N at least, share of its weight,
 N at most. A 40 g cube held with 0.1 N in reserve was dropped in physics; with 0.35 N it was not. What a wrong pose
 takes off a contact depends on the tip's stiffness, not on the weight: heavy objects need no more."""
@@ -132,5 +132,5 @@ class Problem:
             gravity=np.asarray(physics.gravity),
             mass=mass,
             friction=physics.friction,
-            preload=float(np.clip(PRELOAD_SHARE * STANDARD_GRAVITY * mass, LEAST_PRELOAD, MOST_PRELOAD)),
+            preload=float(np.clip(PRELOAD_SHARE * STANDARD_GRAVITY * mass, LEAST_PRELOAD_N, MOST_PRELOAD_N)),
         )

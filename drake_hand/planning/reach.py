@@ -14,7 +14,7 @@ from drake_hand.contact.submodel import Model
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import transit
 from drake_hand.planning.kernels.holds import held_along
-from drake_hand.planning.kernels.world import WORDS
+from drake_hand.planning.kernels.world import END_WORDS
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.transit import LIFTS_M
 from drake_hand.planning.world import seeds, split, world
@@ -40,7 +40,7 @@ class Hold:
     J_WP: np.ndarray
     """(L, 3, m) Jacobian of the tip's material point at the contact, m/rad."""
     limited_by: str
-    """What ends it, of `WORDS`; ``end`` is that of the path."""
+    """What ends it, of `END_WORDS`; ``end`` is that of the path."""
 
     @property
     def end(self) -> int:
@@ -139,7 +139,7 @@ class ReachTable:
             held_along(*args, q[r], p_WP[r], n_W[r], J_WP[r], length[r], why[r])
 
         split(run, N)
-        words, mine = [WORDS[x] for x in why], len(self.clearance.kinematics[finger].lower)
+        words, mine = [END_WORDS[x] for x in why], len(self.clearance.kinematics[finger].lower)
         found = [
             Hold(
                 finger=finger,

@@ -44,7 +44,7 @@ BIN_CAPACITY, BIN_KEPT = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
 FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
-SELDOM_LIFTABLE = 0.25
+SELDOM_LIFTABLE_SHARE = 0.25
 """A finger that can be lifted in a smaller share of the states in which it touches is switched first where it can."""
 PERIOD_EXPANSIONS, PERIOD_GRASPS = 6, 4
 """Where a period ends, grasps whose switches are tried for others more at ease, and how many of these are kept."""
@@ -224,7 +224,7 @@ class Search:
         for x in children:
             self._touched = self._touched + x.touching
             self._liftable = self._liftable + x.liftable
-        urge -= state.liftable & (self._liftable < SELDOM_LIFTABLE * self._touched)
+        urge -= state.liftable & (self._liftable < SELDOM_LIFTABLE_SHARE * self._touched)
         urge[[f not in self.moves.fingers for f in range(len(urge))]] = np.inf
         for f in self.wanted or ():
             urge[f] -= 0.0 if state.touching[f] else 1.0

@@ -39,7 +39,7 @@ GAIT_SEARCHES, FREE_SEARCHES, BESIDE_GAITS = 6, 6, 3
 promising ones; and how many of these beside those for a gait."""
 START_POSES, FEW_STARTS = 16, 4
 """Start poses, at most, from which there is a grasp; and how many are tried where one lasts for the whole motion."""
-STARTS_BESIDE, NEARLY = 12, 0.4
+STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
 GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
@@ -120,7 +120,7 @@ def _beside(
     Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
     """
     best = max(free, key=lambda x: x.search.lasting, default=None)
-    if best is None or best.search.lasting < NEARLY or any(x.search.straight for x in free):
+    if best is None or best.search.lasting < NEARLY_LASTING_SHARE or any(x.search.straight for x in free):
         return []
     found: list[Attempt] = []
     rng = np.random.default_rng(problem.task.options.seed)

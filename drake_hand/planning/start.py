@@ -27,21 +27,21 @@ POSES_DRAWN = 400
 """Poses drawn before the first, coarse choice."""
 POSES_OFFERED = 40
 """Of those, poses that are offered."""
-_ALONG = 9
+_PATH_POSES = 9
 """Poses along the path at which the object is to be clear of the palm; at the first, middle and last reach counts."""
-_HALF_BREADTH = 0.05
+_HALF_BREADTH_M = 0.05
 """Of the part of a long object that lies across the fingers, m."""
-_SIDES = 0.3
+_SIDES_SHARE = 0.3
 """Share of the object's sides that a finger has to reach to be of use."""
 _POSTURES = 3000
 """Random postures of each finger."""
-_NEAR = 4.0e-3
+_NEAR_M = 4.0e-3
 """A contact this near one of them counts as reached, m."""
-_FROM_OUTSIDE, _PAD = 0.25, 0.5
+_OUTSIDE_COS, _PAD_COS = 0.25, 0.5
 """Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
-_OPPOSITE = -0.7
+_OPPOSITE_COS = -0.7
 """Largest cosine between normals that two fingers press on from opposite sides."""
-_JITTER = 0.015
+_JITTER_M = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
 BESIDE_M, BESIDE_RAD = 5.0e-3, np.radians(10.0)
 """How far a pose beside another is from it along each axis, and how much it is turned, standard deviations."""
@@ -90,16 +90,16 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
         axes = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
     points, outward = surface.sample(8e-3)
-    near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH
+    near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH_M
     samples, normals = points[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
     units = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-    opposite = units @ units.T < _OPPOSITE
+    opposite = units @ units.T < _OPPOSITE_COS
 
     def value(X: np.ndarray) -> float:
         reached = [f.reaches(samples, normals, X) for f in fingers]
         of_side = np.stack([np.bincount(side, r, len(sides)) > 0 for r in reached])
-        able = of_side.sum(axis=1) >= _SIDES * len(sides)
+        able = of_side.sum(axis=1) >= _SIDES_SHARE * len(sides)
         pairs = itertools.combinations(of_side[of_side.any(axis=1)], 2)
         held = any((opposite & a[:, None] & b[None]).any() for a, b in pairs)
         return float(held + sum(able) + sum(float(r.mean()) for r in reached))
@@ -114,14 +114,14 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         X = np.eye(4)
         about = Rotation.from_rotvec(axis * rng.uniform(0, 2 * np.pi))
         X[:3, :3] = _aligned(axis, along) @ about.as_matrix()
-        middle = middles[rng.integers(len(middles))] + _JITTER * rng.normal(size=3)
+        middle = middles[rng.integers(len(middles))] + _JITTER_M * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
         X = pose(as_pose(X))
         way = build(X, moving).X_WO if moving else X[None]
-        way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _ALONG).astype(int)])
+        way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _PATH_POSES).astype(int)])
         if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
             worth = np.inf
-            for x in way[:: (_ALONG - 1) // 2]:
+            for x in way[:: (_PATH_POSES - 1) // 2]:
                 worth = min(worth, value(x))
                 if len(best) == POSES_OFFERED and worth <= best[0]:
                     break  # it is not among the best whatever the rest of its path scores
@@ -179,11 +179,11 @@ class _Finger:
     def reaches(self, p_O: np.ndarray, n_O: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
         """(M,) which contacts at p_O (M, 3) with outward normals n_O (M, 3) it reaches from outside."""
         n = n_O @ X_WO[:3, :3].T
-        d, rows = self.tree.query(p_O @ X_WO[:3, :3].T + X_WO[:3, 3] + self.radius * n, distance_upper_bound=_NEAR)
+        d, rows = self.tree.query(p_O @ X_WO[:3, :3].T + X_WO[:3, 3] + self.radius * n, distance_upper_bound=_NEAR_M)
         out = np.isfinite(d)
         rows = rows[out]
-        out[out] = (np.einsum("ni,ni->n", self.end[rows], n[out]) < _FROM_OUTSIDE) & (
-            np.einsum("ni,ni->n", self.pad[rows], n[out]) < _PAD
+        out[out] = (np.einsum("ni,ni->n", self.end[rows], n[out]) < _OUTSIDE_COS) & (
+            np.einsum("ni,ni->n", self.pad[rows], n[out]) < _PAD_COS
         )
         return out
 
@@ -191,7 +191,7 @@ class _Finger:
 def _meeting(trees: list[cKDTree], half: float) -> np.ndarray:
     """(N, 3) places in W that most fingertips come near: within just over half the object's breadth, m."""
     everything = np.concatenate([tree.data for tree in trees])
-    count = np.sum([tree.query(everything)[0] < half + _JITTER for tree in trees], axis=0)
+    count = np.sum([tree.query(everything)[0] < half + _JITTER_M for tree in trees], axis=0)
     return everything[count >= max(2, count.max() - 1)] if count.max() > 1 else everything
 
 
@@ -199,7 +199,7 @@ def _across(hand: Hand, rng: np.random.Generator) -> np.ndarray:
     """(3,) unit direction of the row of finger bases, the thumb's apart; any across the palm where there is no row."""
     bases = np.stack([f.axes[0].X_PJ[:3, 3] for f in hand.fingers if f.index != hand.closing.thumb])
     _, spread, directions = np.linalg.svd(bases - bases.mean(axis=0))
-    if spread[0] > 2 * spread[min(1, len(spread) - 1)] + _NEAR:
+    if spread[0] > 2 * spread[min(1, len(spread) - 1)] + _NEAR_M:
         return directions[0]
     turn = Rotation.from_rotvec(hand.palm_direction * rng.uniform(0, np.pi))
     return turn.apply(hand.closing.side)

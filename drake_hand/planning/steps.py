@@ -24,12 +24,13 @@ from drake_hand.planning.slide import SLIDE_STEP_M
 from drake_hand.planning.slide import holds as slide_holds
 from drake_hand.planning.transit import Surroundings
 from drake_hand.planning.world import EDGE_M
+from drake_hand.plans.tolerances import TOLERANCES
 
-TOUCHING_M = 1e-4
+TOUCHING_M = 1e-3 * TOLERANCES["contact_mm"]
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
 OPPOSED_COS = np.cos(np.radians(30.0))
 """A contact pushes if its normal is within 30 deg of opposing the push."""
-_CONTACT = 1e-5
+_CONTACT_M = 1e-5
 """How far from its contact a tip may end up, m."""
 
 
@@ -113,7 +114,7 @@ def slide(
     way = [builder.q[columns]]
     for target in p_WC[1:]:
         q, residual = kin.ik(target[None], way[-1][None])
-        if residual[0] > _CONTACT:
+        if residual[0] > _CONTACT_M:
             fail(f"cannot slide farther than {1e3 * np.linalg.norm(u[len(way) - 1] * s):.1f} mm", "joint limit")
         way.append(q[0])
     if not slide_holds(table, holding, contacts, X, finger, np.stack(way), p_OP):

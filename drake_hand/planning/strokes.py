@@ -26,7 +26,7 @@ MOST_POSES = 60
 """Poses of a stroke at most."""
 SPREAD_RAD, SPREAD_M = np.radians(5.0), 5.0e-3
 """Standard deviation of the offset that a stroke adds."""
-BALANCE_INTERVAL = 3
+BALANCE_INTERVAL_POSES = 3
 """Balance is tested every so many poses."""
 
 
@@ -129,7 +129,17 @@ def rolled(moves: Moves, X: np.ndarray, K: np.ndarray, states: list[Node]) -> tu
 
     def run(r: slice) -> None:
         stroke.strokes(
-            moves.world, moves.load, X[r], K[r], q0[r], touching[r], BALANCE_INTERVAL, q[r], length[r], why[r], who[r]
+            moves.world,
+            moves.load,
+            X[r],
+            K[r],
+            q0[r],
+            touching[r],
+            BALANCE_INTERVAL_POSES,
+            q[r],
+            length[r],
+            why[r],
+            who[r],
         )
 
     split(run, N, least=12)

@@ -12,7 +12,7 @@ from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import Node
 
-EASINGS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
+EASING_FACTORS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
 """How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
 
 
@@ -50,7 +50,7 @@ def stuck(
 def _what_would_help(moves: Moves, x: Node, kept: list[int]) -> str:
     """What would let one of the fingers that cannot be lifted be lifted, in words."""
     load, helps = moves.load, []
-    for times, more, less in () if load.kinematic else EASINGS:
+    for times, more, less in () if load.kinematic else EASING_FACTORS:
         eased = {
             f"{more} the friction": load._replace(friction=times * load.friction),
             f"{more} the joints' efforts": load._replace(effort=times * load.effort),

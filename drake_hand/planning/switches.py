@@ -19,7 +19,7 @@ POINTS_OFFERED = 200
 """Surface points a switching finger is offered."""
 CONTACTS_TRIED, CONTACTS_KEPT = 14, 4
 """Of those, contacts tried and kept."""
-LEAST_ROOM = 0.12
+LEAST_ROOM_SHARE = 0.12
 """A new contact has to roll on at least so far, of 1."""
 LIFT_HEIGHTS_M = np.array(LIFTS_M)
 """Of lifts, m."""
@@ -38,7 +38,7 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
         np.full(len(q), finger), q, *moves.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
     )
     order = np.argsort(-(room + moves.rng.uniform(0, 0.3, len(room))), kind="stable")[:CONTACTS_TRIED]
-    order = order[room[order] > LEAST_ROOM]
+    order = order[room[order] > LEAST_ROOM_SHARE]
     posture = np.repeat(state.q[None], len(order), axis=0)
     posture[:, finger] = q[order]
     touching = np.repeat(state.touching[None], len(order), axis=0)

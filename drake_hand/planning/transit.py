@@ -24,7 +24,7 @@ LIFTS_M = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
 TRAVEL_STEP_RAD = np.radians(3.0)
 """Joint step between knots and between collision checks of a travel."""
-_ATTEMPTS = 60
+_MOST_ATTEMPTS = 60
 """Shortest paths looked at before a detour is given up."""
 
 
@@ -107,7 +107,7 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
     """
     nodes, graph = _roadmap(s, i, a, b)
     pieces: dict[tuple[int, int], np.ndarray] = {}
-    for _ in range(_ATTEMPTS):
+    for _ in range(_MOST_ATTEMPTS):
         length, before = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
         if not np.isfinite(length[1]):
             return None

@@ -18,7 +18,7 @@ from drake_hand.planning.transit import MOVING_CLEARANCE_M
 from drake_hand.plans.path import Path
 from drake_hand.plans.task import Task
 
-_AWAY = 10.0
+_FAR_AWAY_M = 10.0
 """Where an object stands that is not to be kept clear of, m."""
 
 
@@ -39,7 +39,7 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
     assert isinstance(object_, Object)
     if X_WO is None:
         X_WO = np.eye(4)
-        X_WO[0, 3] = _AWAY
+        X_WO[0, 3] = _FAR_AWAY_M
     clearance = Clearance(scene, task.table)
     _check_clear(clearance, q, X_WO)
     builder = LegBuilder(hand, q, X_WO)

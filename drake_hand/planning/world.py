@@ -31,7 +31,7 @@ POINT_SPACING_M, MOST_POINTS = 3.0e-3, 2000
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 FREE_POSTURES = 6
 """Free postures a finger is offered."""
-LEAST_DEXTERITY = 3.0e-3
+LEAST_DEXTERITY_M_PER_RAD = 3.0e-3
 """Least singular value of the Jacobian of a tip that holds, m/rad."""
 POLYHEDRON_SUBSTEPS = 3
 """Rolling steps between two poses on polyhedra, where contacts move in jerks."""
@@ -117,7 +117,7 @@ def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
             torsion_radius=float(holding.torsion_radius),
             spin_arm=holding.spin_arm,
             preload=float(holding.preload),
-            dexterity=LEAST_DEXTERITY,
+            dexterity=LEAST_DEXTERITY_M_PER_RAD,
             effort=holding.effort,
         )
     assert isinstance(holding, Kinematic)

@@ -15,7 +15,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.trajectory import Trajectory, quaternions
 
 RATE_HZ = 100.0
-_DIGITS = 9
+_TEXT_DIGITS = 9
 """Of numbers in text: nanoradians."""
 
 
@@ -76,7 +76,7 @@ def to_csv(s: Samples) -> bytes:
     writer.writerow(["t_s", "mode", *columns, *pose])
     numbers = np.hstack([s.command, s.rate, s.q, s.X_WO[:, :3, 3], quaternions(s.X_WO[:, :3, :3])])
     for t, mode, row in zip(s.t, s.modes, numbers, strict=True):
-        writer.writerow([f"{t:.{_DIGITS}f}", mode, *(f"{v:.{_DIGITS}f}" for v in row)])
+        writer.writerow([f"{t:.{_TEXT_DIGITS}f}", mode, *(f"{v:.{_TEXT_DIGITS}f}" for v in row)])
     return out.getvalue().encode()
 
 
@@ -100,7 +100,7 @@ def to_ros2(s: Samples) -> bytes:
     """A ``trajectory_msgs/JointTrajectory`` in YAML, as ``ros2 topic pub`` and controllers take it."""
 
     def numbers(row: np.ndarray) -> list[float]:
-        return [round(float(v), _DIGITS) + 0.0 for v in row]
+        return [round(float(v), _TEXT_DIGITS) + 0.0 for v in row]
 
     points = []
     for t, command, rate in zip(s.t, s.command, s.rate, strict=True):

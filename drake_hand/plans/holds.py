@@ -13,7 +13,7 @@ from drake_hand.plans.tolerances import STANDARD_GRAVITY, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import Trajectory
 
 _SHORTEST_S = 0.01
-_LOOK_S, _NEAR = 0.02, np.radians(3.0)
+_LOOK_S, _NEAR_RAD = 0.02, np.radians(3.0)
 
 
 def hold_windows(plan: Plan) -> list[tuple[float, float]]:
@@ -71,4 +71,4 @@ def may_hold(plan: Plan, joints: Sequence[str], q: np.ndarray) -> float | None:
     low, high = np.minimum(states.q, states.q_command), np.maximum(states.q, states.q_command)
     off = np.maximum(low[:, columns] - q, q - high[:, columns]).max(axis=1)
     nearest = int(off.argmin())
-    return float(t[nearest]) if off[nearest] <= _NEAR else None
+    return float(t[nearest]) if off[nearest] <= _NEAR_RAD else None

@@ -23,7 +23,7 @@ PLAN_SUFFIX = ".plan.json"
 
 Row = list[float]
 
-_UNIT, _SAME_TIME = 1e-6, 1e-9
+_UNIT_TOLERANCE, _SAME_TIME_S = 1e-6, 1e-9
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -226,7 +226,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
                 refuse("not a mode of this hand", f"{key}.mode", part.mode, f"{len(self.fingers)} digits 0, 1, 2")
             if n < 2 or not np.all(np.diff(part.t) > 0) or not math.isfinite(part.t[0]):
                 refuse("times must increase", f"{key}.t", f"{n} times", "2 or more, strictly increasing")
-            if abs(part.t[0] - end) > _SAME_TIME:
+            if abs(part.t[0] - end) > _SAME_TIME_S:
                 refuse("part does not start where the one before ended", f"{key}.t[0]", part.t[0], end)
             for name, rows, width in self._arrays(part):
                 if len(rows) != n or any(len(r) != width for r in rows):
@@ -235,7 +235,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
                     refuse("number is not finite", f"{key}.{name}", "nan or inf", "finite numbers")
             quaternions = np.array(part.X_WO)[:, :4]
             same_side = np.sum(quaternions * np.vstack([last, quaternions[:-1]]), axis=1) > 0
-            if np.abs(np.linalg.norm(quaternions, axis=1) - 1).max() > _UNIT or not same_side.all():
+            if np.abs(np.linalg.norm(quaternions, axis=1) - 1).max() > _UNIT_TOLERANCE or not same_side.all():
                 expected = "length 1, each in the hemisphere of the one before"
                 refuse("quaternions are not of unit length, or change sign", f"{key}.X_WO", None, expected)
             end, last = part.t[-1], quaternions[-1]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 from drake_hand.model.gravity import STANDARD_GRAVITY as STANDARD_GRAVITY
+from drake_hand.model.table import TABLE_TOUCH_M
 
-TORQUE_LENGTH = 0.01
+TORQUE_LENGTH_M = 0.01
 """m; a force at this length weighs as much as a torque."""
 UNBALANCED_SHARE = 0.02
-"""Part of the object's weight that may stay unbalanced; torque: that force at `TORQUE_LENGTH`."""
+"""Part of the object's weight that may stay unbalanced; torque: that force at `TORQUE_LENGTH_M`."""
 TWIST_RAD = math.radians(3.0)
 """Spin that a pad takes up by twisting before it rubs: torsion over the stiffness 16 G a^3 / 3 of a round patch
 (Johnson 1985, section 3.9), for a = 2 mm, G = 0.7 MPa and 2 N."""
@@ -32,7 +33,7 @@ TOLERANCES = {
     "joint_jump_rad": 1e-4,
     "object_jump_mm": 1e-2,
     "drift_mm": 1e-2,
-    "table_mm": 0.1,
+    "table_mm": 1e3 * TABLE_TOUCH_M,
     "force_margin": 0.0,
     "effort_ratio": 1.0,
     "balance_ratio": 1.0,

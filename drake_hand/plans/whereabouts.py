@@ -12,7 +12,7 @@ from drake_hand.plans.trajectory import Trajectory
 _LOOK_S = 0.02
 _AHEAD_S, _BEHIND_S = 2.0, 0.1
 """How far from the place before the next is looked for first: gaits come by the same posture again and again."""
-_NEAR = np.radians(1.0)
+_NEAR_RAD = np.radians(1.0)
 
 
 class Whereabouts:
@@ -38,10 +38,10 @@ class Whereabouts:
         if self._at is not None:
             first = max(self._at - round(_BEHIND_S / _LOOK_S), 0)
             near = first + int(off[first : self._at + round(_AHEAD_S / _LOOK_S)].argmin())
-            if off[near] < _NEAR:
+            if off[near] < _NEAR_RAD:
                 self._at = near
                 return
-        if off.min() < _NEAR:
+        if off.min() < _NEAR_RAD:
             self._at = int(off.argmin())
 
     @property

@@ -18,9 +18,9 @@ from drake_hand.sweep.work import CaseRow, Done, work
 if TYPE_CHECKING:
     from distributed import Client
 
-_AHEAD = 2
+_CASES_PER_WORKER = 2
 """Cases handed out per worker: one that it works on, and one that waits."""
-_TRIES = 2
+_MOST_DEATHS = 2
 """Workers that may die of a case before it is given up as ``crashed``."""
 
 
@@ -80,7 +80,7 @@ def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
 
     waiting = iter(todo)
     futures = {}
-    ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    ahead = _CASES_PER_WORKER * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
     running = as_completed()
 
     def hand_out() -> None:
@@ -118,7 +118,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
     except ImportError as e:
         raise InputError("sweeps need Dask", found="none", expected="pip install 'drake_hand[sweep]'") from e
     quiet = {
-        "distributed.scheduler.allowed-failures": _TRIES - 1,
+        "distributed.scheduler.allowed-failures": _MOST_DEATHS - 1,
         "distributed.comm.retry.count": 0,
         "distributed.admin.log-format": "%(message)s",
     }

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_hand.compiled import njit
-from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH, UNBALANCED_SHARE
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH_M, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
 
-_LEAST_FORCE = 1e-3
+_LEAST_FORCE_N = 1e-3
 """N; a contact pressed less than this has no friction to judge."""
-_SLIDING = 1e-4
+_SLIDING_M_S = 1e-4
 """m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
-TORSION_BOUNDS = (0.5, 1.25)
+CHECKED_TORSION_SHARES = (0.5, 1.25)
 """Bounds of the torsion of a twisted pad, over what is worked out."""
-_SWEEPS = 60
-_SETTLED = 1e-3
+_MOST_SWEEPS = 60
+_SETTLED_CHANGE = 1e-3
 """Change of the balance ratio between samples below which a ramp is over."""
 
 
@@ -64,7 +64,7 @@ def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.nd
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         margin = np.where(press > 0, np.maximum(1 - tangential / (friction * press), -1.0), -1.0)
-    return np.where(np.linalg.norm(f_W, axis=-1) < _LEAST_FORCE, np.nan, margin)
+    return np.where(np.linalg.norm(f_W, axis=-1) < _LEAST_FORCE_N, np.nan, margin)
 
 
 def unbalanced(
@@ -76,8 +76,8 @@ def unbalanced(
     acceleration. Every contact may add a torsional moment about its normal, as far as the ellipse of friction force
     and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5); moments are chosen to balance best, by
     coordinate descent. Where a tip turns over the object its pad is twisted and drags the object round: that moment
-    is there, whether it helps or not, and known within `TORSION_BOUNDS`. The friction of a finger that slides is mu f_n
-    against its motion, whatever the plan says.
+    is there, whether it helps or not, and known within `CHECKED_TORSION_SHARES`. The friction of a sliding finger is
+    mu f_n against its motion, whatever the plan says.
 
     Args:
         states: k samples, F fingers.
@@ -95,8 +95,8 @@ def unbalanced(
     arm_W = np.einsum("kij,kfj->kfi", R, p_OS - body.p_OCom)
     press = -np.sum(states.f_W * n_W, axis=-1)
     speed = np.linalg.norm(slip_W, axis=-1)
-    sliding = speed > _SLIDING
-    along = slip_W / np.maximum(speed, _SLIDING)[..., None]
+    sliding = speed > _SLIDING_M_S
+    along = slip_W / np.maximum(speed, _SLIDING_M_S)[..., None]
     kinetic = press[..., None] * (body.friction * along - n_W)
     f_W = np.where(sliding[..., None], kinetic, states.f_W)
 
@@ -112,15 +112,15 @@ def unbalanced(
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     left = np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
     helps, drags = body.torsion_radius * left, np.abs(torsion.twist) * torsion.lever * left
-    most = TORSION_BOUNDS[1] * drags + (1 - np.abs(torsion.twist)) * helps
-    least = TORSION_BOUNDS[0] * drags - (1 - np.abs(torsion.twist)) * helps
+    most = CHECKED_TORSION_SHARES[1] * drags + (1 - np.abs(torsion.twist)) * helps
+    least = CHECKED_TORSION_SHARES[0] * drags - (1 - np.abs(torsion.twist)) * helps
     rests = ~torsion.moving[:, None]
     most, least = np.where(rests, np.maximum(most, helps), most), np.where(rests, -helps, least)
     onward = torsion.twist >= 0
     torque = np.ascontiguousarray(torque)
     _add_torsion(torque, np.ascontiguousarray(n_W), np.where(onward, least, -most), np.where(onward, most, -least))
     tolerance = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
-    return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH) / tolerance
+    return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH_M) / tolerance
 
 
 @njit("void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1])")
@@ -132,7 +132,7 @@ def _add_torsion(torque, n, least, most):
             moment[f] = min(max(0.0, least[k, f]), most[k, f])
             for i in range(3):
                 torque[k, i] += moment[f] * n[k, f, i]
-        for _ in range(_SWEEPS):
+        for _ in range(_MOST_SWEEPS):
             changed = False
             for f in range(len(moment)):
                 along = torque[k, 0] * n[k, f, 0] + torque[k, 1] * n[k, f, 1] + torque[k, 2] * n[k, f, 2]
@@ -164,8 +164,8 @@ def fixture(touching: np.ndarray, held: np.ndarray, moved: np.ndarray, ratio: np
     """
     mask = touching == 0
     mask[0] |= not held[0]
-    onward = ~moved & (~held[1:] | (ratio[1:] < ratio[:-1] - _SETTLED))
-    back = ~moved & (~held[:-1] | (ratio[:-1] < ratio[1:] - _SETTLED))
+    onward = ~moved & (~held[1:] | (ratio[1:] < ratio[:-1] - _SETTLED_CHANGE))
+    back = ~moved & (~held[:-1] | (ratio[:-1] < ratio[1:] - _SETTLED_CHANGE))
     for i in range(1, len(mask)):
         mask[i] |= mask[i - 1] and onward[i - 1]
     for i in range(len(mask) - 2, -1, -1):

@@ -12,9 +12,9 @@ from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import Observed
 from drake_hand.verify.surface import PackedObject
 
-LIMIT_N = 0.2
+COMMAND_LIMIT_N = 0.2
 """How much the forces may differ: a fifth, as much as friction and stiffness are off in physics' trials, or 0.2 N."""
-_LIGHT = 0.02
+_LIGHT_PRESS_N = 0.02
 """N; a pad pressed less than this yields as much as if it were."""
 
 
@@ -50,7 +50,7 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
                     / np.sqrt(solid.bend(seen.p_OC[rows, i], n_O, finger.radius))
                 )
                 depth = np.sqrt(press / flat)
-                pad = 0.5 / np.sqrt(flat * np.maximum(press, _LIGHT))
+                pad = 0.5 / np.sqrt(flat * np.maximum(press, _LIGHT_PRESS_N))
                 taken = (np.einsum("kic,ki->kc", J, f_W) - seen.weight[rows, c]) / K
                 moved = np.einsum("kic,kc->ki", J, s.q_offset[rows, c] - taken) + depth[:, None] * n_W
                 yields = J / K @ np.swapaxes(J, 1, 2) + pad[:, None, None] * np.eye(3)
@@ -67,7 +67,7 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
                     force = np.linalg.solve(yields[a:b], off[..., None])[..., 0]
                     error[first + a : first + b, i] = np.linalg.norm(force, axis=1)
                 error[rows, i] /= max(1.0, np.linalg.norm(f_W, axis=1).max())
-    findings.add("command_force_n", error, s.t, s.part, plan.fingers, limit=LIMIT_N)
+    findings.add("command_force_n", error, s.t, s.part, plan.fingers, limit=COMMAND_LIMIT_N)
 
 
 def rolled_short(depth: np.ndarray, n_O: np.ndarray, R_OT: np.ndarray, begin: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from drake_hand.verify.observe import Observed
 from drake_hand.verify.table import borne, check_clear
 from drake_hand.verify.torsion import torsion
 
-_STILL = 1e-8
+_STILL_M = 1e-8
 """m between samples below which the object does not move."""
 
 
@@ -36,7 +36,7 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
         balance = np.full(len(s.t), np.nan)
         for name in ("force_margin", "effort_ratio"):
             findings.add(name, np.full(1, np.nan), s.t[:1], s.part[:1])
-    moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL
+    moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL_M
     if task.support:
         gap = check_clear(seen, plan, scene, findings)
         lies = (np.abs(gap) * 1000 <= TOLERANCES["contact_mm"]) & ~np.r_[False, moved] & ~np.r_[moved, False]

@@ -11,7 +11,7 @@ from drake_hand.plans.tolerances import LEVER_M
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.findings import Findings
 
-_PER_SEGMENT = 9
+_SAMPLES_PER_SEGMENT = 9
 
 
 def check_joints(trajectory: Trajectory, hand: Hand, findings: Findings) -> None:
@@ -23,12 +23,12 @@ def check_joints(trajectory: Trajectory, hand: Hand, findings: Findings) -> None
         knots = np.array(part.t)
         h = np.diff(knots)
         # acceleration is linear between knots, so both ends tell all; the last sample stays before its knot
-        u = np.append(np.linspace(0, 1, _PER_SEGMENT)[:-1], 1 - 1e-9)
+        u = np.append(np.linspace(0, 1, _SAMPLES_PER_SEGMENT)[:-1], 1 - 1e-9)
         t = (knots[:-1, None] + h[:, None] * u).ravel()
         s = trajectory.at(t, part=i)
         slope = np.zeros_like(s.v)
         if part.q_offset is not None:
-            slope = np.repeat(np.diff(part.q_offset, axis=0) / h[:, None], _PER_SEGMENT, axis=0)
+            slope = np.repeat(np.diff(part.q_offset, axis=0) / h[:, None], _SAMPLES_PER_SEGMENT, axis=0)
         margin = [np.minimum(q - hand.q_lower, hand.q_upper - q) for q in (s.q, s.q_command)]
         findings.add("limit_margin_rad", np.hstack(margin), t, s.part, both)
         findings.add("speed_ratio", np.abs(np.hstack([s.v, s.v + slope])) / np.tile(hand.speed, 2), t, s.part, both)

@@ -24,7 +24,7 @@ SPACING_DEG = 0.25
 """Largest distance between samples in time and in rotation of the object."""
 NEAR_M = 2e-3
 """m; clearances beyond this are not looked at."""
-CHUNK = 2048
+CHUNK_SAMPLES = 2048
 """Samples looked at together, on one core."""
 
 
@@ -106,7 +106,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     clearances = Clearances(scene, shapes, trajectory, NEAR_M)
 
     def look(first: int) -> Near:
-        rows = slice(first, min(first + CHUNK, k))
+        rows = slice(first, min(first + CHUNK_SAMPLES, k))
         posture = tree.pose(states.q[rows])
         R_WO, p_WO = states.X_WO[rows, :3, :3], states.X_WO[rows, :3, 3]
         weight[rows] = posture.weight(np.array(plan.task.physics.gravity, dtype=float))
@@ -124,12 +124,12 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
             torque[rows] += np.einsum("kic,ki->kc", J, states.f_W[rows, i])
         return clearances.near(first, posture.X_WB, states.X_WO[rows], travel[rows])
 
-    firsts = range(0, k, CHUNK)
+    firsts = range(0, k, CHUNK_SAMPLES)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for first, near in zip(firsts, pool.map(look, firsts), strict=True):
             clearances.take(near)
             if progress is not None:
-                progress(min(first + CHUNK, k) / k)
+                progress(min(first + CHUNK_SAMPLES, k) / k)
     nearest = clearances.least(states, travel)
     between = grazed = (0.0, 0, "")
     if nearest[0] >= 0:  # else that tells all

@@ -20,9 +20,9 @@ from drake_hand.model.scene import Scene
 from drake_hand.plans.trajectory import States, Trajectory
 from drake_hand.verify.kinematics import Tree
 
-_SAME = 1e-12
+_SAME_M = 1e-12
 """m; bounds that differ less tell nothing."""
-_PROVED = 1e-7
+_UNMOVED_M = 1e-7
 """m; what can move less than this between two looks at it is where it was."""
 
 
@@ -166,7 +166,7 @@ class Clearances:
             for i in np.flatnonzero(low[:, 1] == pair).tolist():
                 row = int(low[i, 0])
                 bound = max(low[i, 2], apart - gone[row] if states.part[row] == part else -np.inf)
-                if bound >= best - _SAME:
+                if bound >= best - _SAME_M:
                     continue
                 distance = self._known.get(key := alike[i].tobytes())
                 if distance is None:
@@ -237,8 +237,8 @@ def deepest(look: Callable[[float], float], t0: float, t1: float, move: float) -
         bound = min((d_a + d_b - way) / 2, d_a, d_b)
         if bound >= found:
             continue
-        if way < _PROVED or min(d_a, d_b) < 0:
-            found = bound if way < _PROVED else min(d_a, d_b)
+        if way < _UNMOVED_M or min(d_a, d_b) < 0:
+            found = bound if way < _UNMOVED_M else min(d_a, d_b)
             continue
         t = (a + b) / 2
         d = look(t)

@@ -18,7 +18,7 @@ from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import Observed
 
 KINDS = ("init", "inv", "contact", "jump")
-_LEAST = 1e-6
+_LEAST_SCALE = 1e-6
 """Scale of a violation whose limit is zero, SI."""
 
 
@@ -73,7 +73,9 @@ def check_predicates(seen: Observed, plan: Plan, scene: Scene, findings: Finding
         if not j.finding.holds:
             failing[j.kind].append(j)
     for kind, those in failing.items():
-        worst = max(those, key=lambda j: j.finding.violation / max(abs(j.finding.clause.limit), _LEAST), default=None)
+        worst = max(
+            those, key=lambda j: j.finding.violation / max(abs(j.finding.clause.limit), _LEAST_SCALE), default=None
+        )
         text = f"{worst.predicate}: {worst.finding.said}" if worst else ""
         t, part = (worst.time_s, worst.part) if worst else (seen.states.t[0], 0)
         findings.add(kind, np.array([len(those)]), np.array([t]), np.array([part]), [text])

@@ -14,17 +14,17 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import Table
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
-from drake_hand.plans.tolerances import STANDARD_GRAVITY, TOLERANCES, TORQUE_LENGTH, UNBALANCED_SHARE
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TOLERANCES, TORQUE_LENGTH_M, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.balance import Body
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.kinematics import Tree
-from drake_hand.verify.observe import CHUNK, Observed
+from drake_hand.verify.observe import CHUNK_SAMPLES, Observed
 from drake_hand.verify.pairs import deepest
 
-_EDGES = 8
+_PYRAMID_EDGES = 8
 """Of the pyramid that stands for a friction cone of the table, inside it."""
-_RIM = 16
+_RIM_POINTS = 16
 """Points of a circle that lies on the table."""
 
 
@@ -61,7 +61,7 @@ class _Outline:
             if self.circle[i] * lean > tolerance:
                 points.append((centre + self.circle[i] * down / lean)[None])
             else:
-                angle = np.linspace(0, 2 * np.pi, _RIM if self.circle[i] else 1, endpoint=False)[:, None]
+                angle = np.linspace(0, 2 * np.pi, _RIM_POINTS if self.circle[i] else 1, endpoint=False)[:, None]
                 a, b = _across(table.up_W)
                 points.append(centre + self.circle[i] * (np.cos(angle) * a + np.sin(angle) * b))
         return np.concatenate(points)
@@ -102,7 +102,7 @@ def links_above(task: Task, scene: Scene, q: np.ndarray) -> dict[str, np.ndarray
     table, tree, outlines = task.table, Tree.of(scene), _outlines(scene)
     assert table is not None
     gaps = {name: np.empty(len(q)) for name in outlines if name in tree.bodies}
-    for rows in (slice(first, first + CHUNK) for first in range(0, len(q), CHUNK)):
+    for rows in (slice(first, first + CHUNK_SAMPLES) for first in range(0, len(q), CHUNK_SAMPLES)):
         X_WB = tree.pose(q[rows]).X_WB
         for name, gap in gaps.items():
             gap[rows] = outlines[name].lows(X_WB[:, tree.bodies[name]], table).min(axis=1)
@@ -151,7 +151,7 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
     s, table, outline = seen.states, plan.task.table, _outlines(scene)[scene.object_body.name()]
     assert table is not None
     a, b = _across(table.up_W)
-    angle = 2 * np.pi * np.arange(_EDGES)[:, None] / _EDGES
+    angle = 2 * np.pi * np.arange(_PYRAMID_EDGES)[:, None] / _PYRAMID_EDGES
     edges = table.up_W + body.friction * (np.cos(angle) * a + np.sin(angle) * b)
     scale = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
     known: dict[bytes, float] = {}
@@ -163,20 +163,20 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
         key = np.round(np.concatenate([X.ravel(), f_W.ravel(), p_OS[on].ravel()]), 9).tobytes()
         if key not in known:
             com = X[:3, :3] @ body.p_OCom + X[:3, 3]
-            feet = np.repeat(outline.feet(X, table), _EDGES, axis=0)
-            push = np.tile(edges, (len(feet) // _EDGES, 1))
+            feet = np.repeat(outline.feet(X, table), _PYRAMID_EDGES, axis=0)
+            push = np.tile(edges, (len(feet) // _PYRAMID_EDGES, 1))
             arm = p_OS @ X[:3, :3].T + X[:3, 3] - com
             n_W = n_O @ X[:3, :3].T
             twist = n_W[on]
             limit = _moments(f_W[on], twist, body)
             A = np.hstack(
                 [
-                    np.vstack([push.T, np.cross(feet - com, push).T / TORQUE_LENGTH]),
-                    np.vstack([np.zeros((3, on.sum())), twist.T / TORQUE_LENGTH]),
+                    np.vstack([push.T, np.cross(feet - com, push).T / TORQUE_LENGTH_M]),
+                    np.vstack([np.zeros((3, on.sum())), twist.T / TORQUE_LENGTH_M]),
                 ]
             )
             wrench = np.concatenate(
-                [f_W.sum(axis=0) + body.mass * body.gravity, np.cross(arm, f_W).sum(axis=0) / TORQUE_LENGTH]
+                [f_W.sum(axis=0) + body.mass * body.gravity, np.cross(arm, f_W).sum(axis=0) / TORQUE_LENGTH_M]
             )
             low, high = np.r_[np.zeros(len(feet)), -limit], np.r_[np.full(len(feet), np.inf), limit]
             left = A @ lsq_linear(A, -wrench, (low, high), method="bvls").x + wrench

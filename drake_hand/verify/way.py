@@ -15,7 +15,7 @@ from drake_hand.verify.observe import NEAR_M, sample_times
 from drake_hand.verify.table import links_above
 
 GOAL_DEG = 0.1
-_ROUNDED = 1e-9
+_ROUNDING_RAD = 1e-9
 """What the decimals of a plan leave of an angle, rad."""
 
 
@@ -32,7 +32,7 @@ def certify_way(plan: Plan, scene: Scene, start: np.ndarray, goal: np.ndarray) -
         goal: (nq,) where it should get.
     """
     hand = scene.hand
-    lower, upper = np.minimum(hand.q_lower, start - _ROUNDED), np.maximum(hand.q_upper, start + _ROUNDED)
+    lower, upper = np.minimum(hand.q_lower, start - _ROUNDING_RAD), np.maximum(hand.q_upper, start + _ROUNDING_RAD)
     wider = replace(hand, q_lower=lower, q_upper=upper)
     trajectory, findings = Trajectory(plan), Findings()
     check_joints(trajectory, wider, findings)

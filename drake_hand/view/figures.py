@@ -13,14 +13,13 @@ from matplotlib.patches import Patch
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.tolerances import TOLERANCES
 from drake_hand.view import paper_figures
 from drake_hand.view.colors import SUBMODEL_COLORS, SUBMODEL_NAMES, finger_color
 from drake_hand.view.course import Course, object_turn
 from drake_hand.view.style import FIGURE_FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
 
 FIGURE_SAMPLES = 2000
-GAP_MM = 0.1
-"""Contact gap the certificate allows."""
 _STYLES = ("-", "--", ":", "-.")
 
 
@@ -165,9 +164,10 @@ def draw_contacts(plan: Plan, course: Course) -> Figure:
     for i in touching(plan):
         gap = np.maximum(1e3 * np.abs(course.gap[:, i]), 1e-6)
         ax.semilogy(course.states.t, gap, _STYLES[i % 4], color=finger_color(i), label=plan.fingers[i])
-    ax.axhline(GAP_MM, color="0.3", ls="--", lw=0.6)
-    ax.annotate(f"allowed: {GAP_MM:g} mm", (0.01 * plan.duration, GAP_MM), va="bottom", fontsize=6.5)
-    ax.set_ylim(top=10 * GAP_MM)
+    allowed = TOLERANCES["contact_mm"]
+    ax.axhline(allowed, color="0.3", ls="--", lw=0.6)
+    ax.annotate(f"allowed: {allowed:g} mm", (0.01 * plan.duration, allowed), va="bottom", fontsize=6.5)
+    ax.set_ylim(top=10 * allowed)
     ax.set_ylabel("contact gap [mm]")
     mark_switches(ax, plan)
     legend_below(figure, ax)

@@ -16,13 +16,13 @@ from drake_hand.view.colors import finger_color, rgb
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SWEEP = 25
+_SWEEP_POINTS = 25
 """Points along the path of a fingertip as one joint moves from limit to limit."""
-_GREY = (0.80, 0.82, 0.85)
-_PALE = 0.55
+_PALM_COLOR = (0.80, 0.82, 0.85)
+_WHITE_SHARE = 0.55
 """How much of white there is in the colour of a finger's links."""
 _INK, _SOFT = "#1d2430", "#5d6674"
-_BAR = 0.05
+_SCALE_BAR_M = 0.05
 """m; the scale bar."""
 
 
@@ -65,8 +65,8 @@ def sweeps(hand: Hand, finger: Finger) -> list[np.ndarray]:
     kin, home = FingerKinematics.of(hand, finger), hand.q_home[finger.columns]
     ways = []
     for j, column in enumerate(finger.columns):
-        q = np.repeat(home[None], _SWEEP, axis=0)
-        q[:, j] = np.linspace(hand.q_lower[column], hand.q_upper[column], _SWEEP)
+        q = np.repeat(home[None], _SWEEP_POINTS, axis=0)
+        q[:, j] = np.linspace(hand.q_lower[column], hand.q_upper[column], _SWEEP_POINTS)
         ways.append(kin.fk(q)[0])
     return ways
 
@@ -90,7 +90,11 @@ def shapes_at_home(hand: Hand) -> tuple[np.ndarray, np.ndarray]:
                 X_JJ[:3, :3] = Rotation.from_rotvec(joint.axis * x).as_matrix()
             X_WL = X_WL @ joint.X_PC @ X_JJ
         finger = finger_of.get(link)
-        color = _GREY if finger is None else (1 - _PALE) * np.array(rgb(finger_color(finger.index))) + _PALE
+        color = (
+            _PALM_COLOR
+            if finger is None
+            else (1 - _WHITE_SHARE) * np.array(rgb(finger_color(finger.index))) + _WHITE_SHARE
+        )
         for _, _, g in body_shapes(hand.urdf, link, hand.held):
             some = np.asarray(g.to_trimesh().apply_transform(X_WL).triangles)
             triangles.append(some)
@@ -144,8 +148,8 @@ def _draw_view(
         ax.annotate("", (x, y), (u, v), arrowprops={"arrowstyle": "-|>", "color": color, "linewidth": 2})
         x, y = (end + 0.015 * (end - begin) / max(np.linalg.norm(end - begin), 1e-9)).tolist()
         ax.text(x, y, name, color=color, weight="bold", path_effects=glow, ha="center", va="center", zorder=5)
-    ax.plot([low[0], low[0] + _BAR], [low[1] - 0.02] * 2, color=_INK, linewidth=3, solid_capstyle="butt")
-    ax.annotate(f"{_BAR * 1e3:.0f} mm", (low[0], low[1] - 0.018), color=_INK, va="bottom")
+    ax.plot([low[0], low[0] + _SCALE_BAR_M], [low[1] - 0.02] * 2, color=_INK, linewidth=3, solid_capstyle="butt")
+    ax.annotate(f"{_SCALE_BAR_M * 1e3:.0f} mm", (low[0], low[1] - 0.018), color=_INK, va="bottom")
     ax.set_aspect("equal")
     ax.margins(0.04)
     ax.axis("off")

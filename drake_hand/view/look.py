@@ -23,7 +23,7 @@ from drake_hand.view.stage import Stage
 REACH_POSTURES = 1200
 """Random postures from which the reach of a fingertip is drawn."""
 _AXES = (("x", "#c0392b"), ("y", "#1e8449"), ("z", "#2471a3"))
-_WAY = "#374151"
+_WAY_COLOR = "#374151"
 
 
 def render_hand(hand: Hand, *, remarks: Sequence[str] = ()) -> Page:
@@ -37,8 +37,8 @@ def render_hand(hand: Hand, *, remarks: Sequence[str] = ()) -> Page:
     stage.hand(hand.q_home[None], None)
     way, length = hand.closing.palm, 0.5 * stage.size
     start = np.mean([finger.axes[0].X_PJ[:3, 3] for finger in hand.fingers], axis=0)
-    stage.still_arrow("ways/palm", _WAY, RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), start), length)
-    labels = [{"name": "palm faces", "color": _WAY, "path": "stage", "p": (start + length * way).tolist()}]
+    stage.still_arrow("ways/palm", _WAY_COLOR, RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), start), length)
+    labels = [{"name": "palm faces", "color": _WAY_COLOR, "path": "stage", "p": (start + length * way).tolist()}]
     for finger in hand.fingers:
         stage.ball(finger)
         for joint, points in zip(finger.joints, sweeps(hand, finger), strict=True):
@@ -120,9 +120,9 @@ def _draw_step(stage: Stage, step: Step, X_WO: np.ndarray, number: int) -> tuple
     if length < 1e-6:
         return [], goal
     X = RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), start)
-    stage.still_arrow(f"ways/step{number}", _WAY, X, length)
+    stage.still_arrow(f"ways/step{number}", _WAY_COLOR, X, length)
     words = f"{number} {step_words(step)}"
-    return [{"name": words, "color": _WAY, "path": "stage", "p": (start + way).tolist()}], goal
+    return [{"name": words, "color": _WAY_COLOR, "path": "stage", "p": (start + way).tolist()}], goal
 
 
 def _page(

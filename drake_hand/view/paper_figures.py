@@ -15,7 +15,7 @@ from drake_hand.view.course import Course, object_turn
 from drake_hand.view.sketch import Sketch
 from drake_hand.view.style import bent_arrow, column, in_print, legend_below, mark_switches, panels, touching
 
-_VISITED = "#d55e00"
+_VISITED_COLOR = "#d55e00"
 PAPER_FRAMES = 4
 
 
@@ -37,10 +37,10 @@ def draw_automaton(plan: Plan) -> Figure:
         ax.text(at[0], at[1], str(k), ha="center", va="center", fontsize=6, color="0.35", bbox=box, zorder=2.5)
     for before, after in sorted(set(_changes(plan))):
         a, b = places[Mode.parse(before, plan.fingers)], places[Mode.parse(after, plan.fingers)]
-        bent_arrow(ax, a, b, color=_VISITED, bend=0.12, clear=3)
+        bent_arrow(ax, a, b, color=_VISITED_COLOR, bend=0.12, clear=3)
     for code in dict.fromkeys(plan.modes):
         x, y = places[Mode.parse(code, plan.fingers)]
-        ax.plot(x, y, "o", ms=3.5, color=_VISITED)
+        ax.plot(x, y, "o", ms=3.5, color=_VISITED_COLOR)
         left = code.count("0") % 2  # rings by turns, or labels of one spoke would cover each other
         clear = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
         ax.annotate(

@@ -11,7 +11,7 @@ from drake_hand.physics.run import POSITION_MM, ROTATION_DEG, SimulatedRun
 from drake_hand.plans.plan import Plan
 from drake_hand.view.style import in_print, legend_below, mark_switches, panels
 
-_LEAST = 0.01
+_LEAST_ERROR = 0.01
 """mm and deg; less is drawn as this."""
 _STYLES = (("#0072b2", "-"), ("#d55e00", "--"))
 
@@ -32,13 +32,13 @@ def draw_replay_errors(plan: Plan, runs: Mapping[str, SimulatedRun]) -> Figure:
     )
     for ax, (label, unit, key, limit) in zip(axes, rows, strict=True):
         for (engine, run), (color, style) in zip(runs.items(), _STYLES, strict=False):
-            off = np.maximum(np.abs(getattr(run.errors, key)), _LEAST)
+            off = np.maximum(np.abs(getattr(run.errors, key)), _LEAST_ERROR)
             name = f"{engine}, dropped" if run.dropped else engine
             ax.semilogy(run.errors.t, off, style, color=color, label=name)
         ax.axhline(limit, color="0.3", ls="--", lw=0.6)
         words = f"a success ends below {limit:g} {unit}"
         ax.annotate(words, (0.01 * plan.duration, limit), va="bottom", fontsize=6.5)
-        ax.set_ylim(_LEAST, 6 * limit)
+        ax.set_ylim(_LEAST_ERROR, 6 * limit)
         ax.set_ylabel(f"{label} [{unit}]")
         mark_switches(ax, plan)
     legend_below(figure, axes[0])

@@ -22,10 +22,10 @@ from drake_hand.view.colors import finger_color
 from drake_hand.view.course import Course
 from drake_hand.view.style import column, in_print
 
-_EYE = np.array([0.75, 0.75, 0.25])
+_EYE_DIRECTION = np.array([0.75, 0.75, 0.25])
 """From where one looks, in W: out of the palm and from the thumb's side."""
 _FRAME_RATE, _DPI = 6, 130
-_TONES = np.array([[0.95, 0.87, 0.63], [0.80, 0.62, 0.30]])
+_OBJECT_TONES = np.array([[0.95, 0.87, 0.63], [0.80, 0.62, 0.30]])
 """Of the two halves of the object, so that one sees it turn."""
 
 
@@ -35,7 +35,7 @@ class Sketch:
     def __init__(self, plan: Plan, course: Course) -> None:
         self._plan, self._hand = plan, course.hand
         self._meshes = [g.to_trimesh() for g in Object.load(plan.task.object).geometries]
-        self._eye = _EYE / np.linalg.norm(_EYE)
+        self._eye = _EYE_DIRECTION / np.linalg.norm(_EYE_DIRECTION)
         right = np.cross([0, 0, 1.0], self._eye)
         right /= np.linalg.norm(right)
         self._axes = np.stack([right, np.cross(self._eye, right)])
@@ -70,7 +70,7 @@ class Sketch:
         facing = nhat_O @ X_WO[:3, :3].T @ self._eye
         order = np.argsort(triangles.mean(axis=1) @ self._eye)
         seen = order[facing[order] > 1e-6]
-        tones = _TONES[(nhat_O[seen].sum(axis=1) < 0).astype(int)]
+        tones = _OBJECT_TONES[(nhat_O[seen].sum(axis=1) < 0).astype(int)]
         colors = tones * (0.72 + 0.28 * facing[seen, None])
         ax.add_collection(PolyCollection(triangles[seen] @ self._axes.T, fc=colors, ec=colors, lw=0.3, zorder=2))
 

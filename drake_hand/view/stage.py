@@ -36,19 +36,19 @@ MOST_FRAMES_PER_S = 30.0
 """Most frames per second."""
 
 _ROOT = "/stage"
-_ARROW = 0.32
+_ARROW_SHARE = 0.32
 """Length of the arrow of a strong force, over the hand's size."""
-_STRONG = 97
+_STRONG_PER_CENT = 97
 """Per cent of forces that are no stronger than a strong one."""
-_LONGEST = 1.5
+_LONGEST_ARROW_RATIO = 1.5
 """Length at which arrows are cut, over that of a strong force."""
-_FINE = 5e-4
+_RECORDING_ERROR_SHARE = 5e-4
 """How far off the recording may be, over the hand's size; in rotation, rad over 2."""
-_TABLE = 4e-3
+_TABLE_THICKNESS_M = 4e-3
 """Thickness of a table, m."""
 _WOOD, _CLAY, _GREY = "#d9c3a0", "#c98f6b", "#d9d9d9"
 """Colours of tables, and of objects and hands whose files name none."""
-_POSES = 30000
+_MOST_POSES = 30000
 """Most poses of a recording: what a page of 6 MB has room for. Long recordings are coarser."""
 
 
@@ -134,8 +134,8 @@ class Stage:
     def table(self, table: Table, p_W: np.ndarray) -> None:
         """Draws a piece of a table, below a point (3,) of W."""
         X_WT, side = RigidTransform(table.X_WT), 2.5 * self.size
-        at = X_WT.inverse().multiply(p_W) * [1.0, 1.0, 0.0] - [0.0, 0.0, _TABLE / 2]
-        self._meshcat.SetObject(f"{_ROOT}/table", Box(side, side, _TABLE), Rgba(*rgb(_WOOD), 1.0))
+        at = X_WT.inverse().multiply(p_W) * [1.0, 1.0, 0.0] - [0.0, 0.0, _TABLE_THICKNESS_M / 2]
+        self._meshcat.SetObject(f"{_ROOT}/table", Box(side, side, _TABLE_THICKNESS_M), Rgba(*rgb(_WOOD), 1.0))
         self._meshcat.SetTransform(f"{_ROOT}/table", X_WT @ RigidTransform(at))
 
     def contacts(self, p_W: np.ndarray, f_W: np.ndarray, X_WO: np.ndarray) -> None:
@@ -154,8 +154,8 @@ class Stage:
         size = np.linalg.norm(f_W, axis=2)
         pushing = size > 1e-4
         if pushing.any():
-            self._most_force = float(np.percentile(size[pushing], _STRONG))
-            self._force_scale = _ARROW * self.size / self._most_force
+            self._most_force = float(np.percentile(size[pushing], _STRONG_PER_CENT))
+            self._force_scale = _ARROW_SHARE * self.size / self._most_force
         for finger in self._scene.hand.fingers:
             self._contact(finger.name, finger.index, p_O[:, finger.index], f_O[:, finger.index])
 
@@ -172,7 +172,7 @@ class Stage:
         starts, ends, times = [], [], []
         edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
-            kept = a + needed(p_P[a:b], _FINE * self.size)
+            kept = a + needed(p_P[a:b], _RECORDING_ERROR_SHARE * self.size)
             starts += list(p_P[kept[:-1]])
             ends += list(p_P[kept[1:]])
             times += list(self._t[kept[1:]])
@@ -243,7 +243,7 @@ class Stage:
         coarse, room = 1.0, False
         while not room:
             frames = [needed(track.rows, coarse * track.tolerance) for track in self._tracks]
-            room = sum(map(len, frames)) <= _POSES
+            room = sum(map(len, frames)) <= _MOST_POSES
             coarse *= 1.5
         for track, chosen in zip(self._tracks, frames, strict=True):
             for k in chosen:
@@ -268,7 +268,7 @@ class Stage:
         X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in hold(f_O, pushing)]
         self.arrow(f"object/forces/{name}", color)
         self._move(f"object/forces/{name}", X, coarse=4.0)
-        longest = _LONGEST * _ARROW * self.size
+        longest = _LONGEST_ARROW_RATIO * _ARROW_SHARE * self.size
         self._scale(f"object/forces/{name}", np.clip(size * self._force_scale, 1e-3 * longest, longest))
         self._show(f"object/forces/{name}", pushing)
 
@@ -290,12 +290,12 @@ class Stage:
         if len(X) < 2 or np.ptp(X, axis=0).max() < 1e-9:
             return
         rows = np.hstack([quaternions(X[:, :3, :3]), X[:, :3, 3]])
-        tolerance = coarse * _FINE * np.array([1.0] * 4 + [self.size] * 3)
+        tolerance = coarse * _RECORDING_ERROR_SHARE * np.array([1.0] * 4 + [self.size] * 3)
         self._tracks.append(_Track(path=path, X=X, rows=rows, tolerance=tolerance))
 
     def _scale(self, path: str, length: np.ndarray) -> None:
         self._meshcat.SetProperty(f"{_ROOT}/{path}", "scale", [float(length[0])] * 3)
-        for k in needed(length[:, None], 4 * _FINE * self.size):
+        for k in needed(length[:, None], 4 * _RECORDING_ERROR_SHARE * self.size):
             self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "scale", [float(length[k])] * 3)
 
     def _show(self, path: str, visible: np.ndarray) -> None:

@@ -19,7 +19,7 @@ from drake_hand.plans.plan import Plan
 
 WIDTH_MM = 85.0
 """Of a column in print."""
-MOST_SWITCHES = 60
+MOST_SWITCH_LINES = 60
 """Changes of mode up to which they are marked."""
 FIGURE_FORMATS = ("svg", "pdf", "png")
 _DPI = 300
@@ -89,7 +89,7 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
 def mark_switches(ax: Axes, plan: Plan) -> None:
     """Thin lines where the mode changes, unless there are too many to tell apart."""
     at = [part.t[0] for part in plan.parts[1:] if part.events]
-    for t in at if len(at) <= MOST_SWITCHES else ():
+    for t in at if len(at) <= MOST_SWITCH_LINES else ():
         ax.axvline(t, color="0.88", lw=0.5, zorder=0)
     ax.set_xlim(0, plan.duration)
 

@@ -6,8 +6,8 @@ from drake_hand.model.hand import Hand
 
 
 def test_every_ratio_has_a_sample_per_repeat(monkeypatch):
-    monkeypatch.setattr(bench_ik, "BATCH", 300)
-    monkeypatch.setattr(bench_ik, "SINGLE", 2)
+    monkeypatch.setattr(bench_ik, "BATCH_ROWS", 300)
+    monkeypatch.setattr(bench_ik, "SINGLE_ROWS", 2)
     samples = bench_ik.ik_samples(Hand.load("kanguera"), repeats=2, seed=0)
     assert {"ik_per_s", "ik_vs_drake"} <= set(samples) <= {"ik_per_s", "ik_vs_drake", "ik_vs_pinocchio"}
     assert all(len(values) == 2 and min(values) > 0 for values in samples.values())

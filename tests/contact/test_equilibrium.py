@@ -6,7 +6,7 @@ import pytest
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.equilibrium import Capacity, margins
 from drake_hand.contact.kernels.equilibrium import EDGES
-from drake_hand.plans.tolerances import TORQUE_LENGTH
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value")  # numpy on arrays of Drake expressions
 
@@ -49,7 +49,7 @@ def cone_program(p, n, friction, J=None, effort=None, drag=None):
         total = total + f
         torque = torque + np.cross(p[i], f) + tau * n[i]
     prog.AddLinearEqualityConstraint(total, np.zeros(3))
-    prog.AddLinearEqualityConstraint(torque / TORQUE_LENGTH, np.zeros(3))
+    prog.AddLinearEqualityConstraint(torque / TORQUE_LENGTH_M, np.zeros(3))
     prog.AddLinearConstraint(s >= 0)
     prog.AddLinearCost(-s)
     result = ClarabelSolver().Solve(prog)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drake_hand.epos import pdo
 from drake_hand.epos.state import REMOTE, DriveState, status_bits
-from drake_hand.epos.stops import FOLLOWING_SHARE, MISSED_AT_MOST, Watch
+from drake_hand.epos.stops import FOLLOWING_SHARE, MOST_MISSED_SYNCS, Watch
 
 DRIVES = drives_of("mix")
 NODE = 4  # an epos2
@@ -99,15 +99,15 @@ def test_boot_up_and_leaving_operational_are_faults():
 
 def test_three_missing_answers_in_a_row_are_a_fault_and_one_between_is_not():
     w = watch()
-    for _ in range(MISSED_AT_MOST - 1):
+    for _ in range(MOST_MISSED_SYNCS - 1):
         answer_all(w, but=NODE)
         assert kinds(w.period_ends(0.0)) == []
     answer_all(w)
     assert kinds(w.period_ends(0.0)) == []
-    for i in range(MISSED_AT_MOST):
+    for i in range(MOST_MISSED_SYNCS):
         answer_all(w, but=NODE)
         found = list(w.period_ends(0.0))
-        assert kinds(found) == (["silent"] if i == MISSED_AT_MOST - 1 else [])
+        assert kinds(found) == (["silent"] if i == MOST_MISSED_SYNCS - 1 else [])
     assert found[0].node == NODE
 
 

@@ -13,7 +13,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.motion import law
 from drake_hand.motion.curve import Curve, RateLimits
 from drake_hand.motion.flow import ROUNDING_M, flowing
-from drake_hand.motion.inertia import FRICTION_SHARE, OWN_N, Inertia
+from drake_hand.motion.inertia import FRICTION_SHARE, OWN_INERTIA_N, Inertia
 from drake_hand.motion.timing import FAST_RAMP_S, time_path
 from drake_hand.planning.planner import find_paths
 from drake_hand.plans.path import Leg, Path
@@ -133,7 +133,7 @@ def test_the_carrying_legs_keep_the_limit_of_their_own_inertia(path, plan):
     for leg in path.legs:
         if leg.f_W and np.ptp(leg.X_WO, axis=0).any():
             inertia = Inertia(Curve(leg, limits), scene, 0.8)
-            shortest = np.sqrt(inertia.own(law.smooth()) / OWN_N)
+            shortest = np.sqrt(inertia.own(law.smooth()) / OWN_INERTIA_N)
             part = next(p for p in plan.parts if np.allclose(p.q[-1], leg.q[-1], atol=1e-8) or
                         any(np.allclose(row, leg.q[-1], atol=1e-8) for row in p.q))  # fmt: skip
             assert part.t[-1] - part.t[0] >= shortest

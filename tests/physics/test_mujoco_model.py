@@ -9,7 +9,7 @@ from drake_hand.model.scene import Scene
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from drake_hand.physics.mujoco_model import IMPEDANCE, OBJECT_NAME, build_model, tip_shapes  # noqa: E402
+from drake_hand.physics.mujoco_model import CONTACT_IMPEDANCE, OBJECT_NAME, build_model, tip_shapes  # noqa: E402
 
 PADS = np.array([3000.0, 3500.0, 4000.0, 2500.0, 4500.0])
 
@@ -139,4 +139,4 @@ def test_a_pad_is_as_stiff_as_asked(hand):
         mujoco.mj_step(model, data)
     depth = tip[2] + radius - data.qpos[-5]
     assert depth == pytest.approx(0.3 * 9.81 / PADS[2], rel=0.02)
-    assert 0 < IMPEDANCE < 1
+    assert 0 < CONTACT_IMPEDANCE < 1

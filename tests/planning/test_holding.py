@@ -81,8 +81,8 @@ def test_wanted_forces_make_up_for_a_millimetre_and_respect_efforts():
     """Servos of 5 Nm/rad on levers of 0.17 m give 0.17 N a millimetre, too little; on a tenth of that 17 N."""
     one, sets = holding(0.4), around()
     lever = Equilibrium.EFFORT_SHARE * HAND.effort[0]
-    assert 1e-3 * HAND.stiffness[0] / lever**2 < Equilibrium.LEAST_PRELOAD
-    np.testing.assert_allclose(one.wanted(HAND, sets.J_WP, sets.n_W)[0], Equilibrium.LEAST_PRELOAD)
+    assert 1e-3 * HAND.stiffness[0] / lever**2 < Equilibrium.LEAST_PRELOAD_N
+    np.testing.assert_allclose(one.wanted(HAND, sets.J_WP, sets.n_W)[0], Equilibrium.LEAST_PRELOAD_N)
     assert 1e-3 * HAND.stiffness[0] / (0.1 * lever) ** 2 > 10.0
     np.testing.assert_allclose(one.wanted(HAND, 0.1 * sets.J_WP, sets.n_W)[0], 10.0)
 

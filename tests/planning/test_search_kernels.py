@@ -12,7 +12,7 @@ from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
-from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, LIMIT, OBJECT, WORDS
+from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
 from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
 from drake_hand.planning.transit import MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
@@ -81,7 +81,7 @@ def test_contacts_roll_as_they_do_by_the_plain_formulas(object_):
             assert (apart[-1:] < 1e-4).all(), "next to a singular posture, which ends it, rounding counts for more"
             if why[i] in (LIMIT, EDGE):
                 assert who[i] == f
-                assert abs(length[i] - (flow.length[i] - 1)) <= 1, (WORDS[why[i]], flow.limited_by[i])
+                assert abs(length[i] - (flow.length[i] - 1)) <= 1, (END_WORDS[why[i]], flow.limited_by[i])
                 ended.add(int(why[i]))
     assert LIMIT in ended
     assert (EDGE in ended) == (object_ == "cube")

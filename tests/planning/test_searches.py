@@ -92,7 +92,7 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
         ({0: 0.6, 1: 0.7, 2: 0.65, 3: 1.0, 4: 1.0}, [1, 2, 3]),  # until one lasts all the way
         ({0: 0.6} | dict.fromkeys(range(1, 40), 0.5), [*range(1, 1 + searches.STARTS_BESIDE)]),  # none is better
         ({0: 0.6, 5: 0.61} | dict.fromkeys([1, 2, 3, 4, *range(6, 40)], 0.1), [*range(1, 6 + searches.STARTS_BESIDE)]),
-        ({0: searches.NEARLY - 0.01, 1: 1.0}, []),
+        ({0: searches.NEARLY_LASTING_SHARE - 0.01, 1: 1.0}, []),
         ({0: 1.0, 1: 1.0}, []),
         ({}, []),
     ],

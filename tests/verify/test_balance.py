@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.tolerances import UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
-from drake_hand.verify.balance import TORSION_BOUNDS, Body, Torsion, fixture, friction_margins, unbalanced
+from drake_hand.verify.balance import CHECKED_TORSION_SHARES, Body, Torsion, fixture, friction_margins, unbalanced
 
 G = np.array([0.0, 0.0, -9.81])
 
@@ -184,7 +184,7 @@ def test_pads_that_rub_are_a_load_that_others_bear():
 
 def test_torsion_of_twisted_pads_is_known_within_bounds():
     drags, tolerance = 2 * 0.8e-3, UNBALANCED_SHARE * 0.05 * 9.81 * 0.01
-    for share, bound in zip(TORSION_BOUNDS, (-1, 1), strict=True):
+    for share, bound in zip(CHECKED_TORSION_SHARES, (-1, 1), strict=True):
         assert pivoting(-(share - 0.02 * bound) * drags, 1.0) < 1e-6
         beyond = pivoting(-(share + 0.2 * bound) * drags, 1.0)
         assert beyond == pytest.approx(0.2 * drags / tolerance, rel=0.01)

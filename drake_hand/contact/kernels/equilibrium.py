@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from drake_hand.compiled import njit
-from drake_hand.plans.tolerances import TORQUE_LENGTH
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
 
 _COLUMNS = EDGES + 2
-_EPS = 1e-9
+_ZERO_PIVOT = 1e-9
 _PIVOTS = 400
 
 
@@ -44,9 +44,9 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
         if slides:
             fx, fy, fz, torsion = n[0] + drag[0], n[1] + drag[1], n[2] + drag[2], 0.0
         T[0, column], T[1, column], T[2, column] = fx, fy, fz
-        T[3, column] = (ry * fz - rz * fy + torsion * n[0]) / TORQUE_LENGTH
-        T[4, column] = (rz * fx - rx * fz + torsion * n[1]) / TORQUE_LENGTH
-        T[5, column] = (rx * fy - ry * fx + torsion * n[2]) / TORQUE_LENGTH
+        T[3, column] = (ry * fz - rz * fy + torsion * n[0]) / TORQUE_LENGTH_M
+        T[4, column] = (rz * fx - rx * fz + torsion * n[1]) / TORQUE_LENGTH_M
+        T[5, column] = (rx * fy - ry * fx + torsion * n[2]) / TORQUE_LENGTH_M
         T[top + j, column] = -1.0
         load = f_max_inverse
         for y in range(J.shape[1]):
@@ -100,7 +100,7 @@ def _maximise(T, basis, rows, columns, enough):
         for pivot in range(_PIVOTS):
             if phase == 1 and T[cost, columns] >= enough:
                 break
-            column, best = -1, -_EPS
+            column, best = -1, -_ZERO_PIVOT
             for x in range(columns):
                 if T[cost, x] < best:
                     column, best = x, T[cost, x]
@@ -110,9 +110,9 @@ def _maximise(T, basis, rows, columns, enough):
                 break
             row, ratio = -1, np.inf
             for y in range(rows):
-                if T[y, column] > _EPS:
+                if T[y, column] > _ZERO_PIVOT:
                     r = T[y, columns] / T[y, column]
-                    if r < ratio - _EPS or (r <= ratio + _EPS and row >= 0 and basis[y] < basis[row]):
+                    if r < ratio - _ZERO_PIVOT or (r <= ratio + _ZERO_PIVOT and row >= 0 and basis[y] < basis[row]):
                         row, ratio = y, min(r, ratio)
             if row < 0:
                 break

@@ -14,7 +14,7 @@ from drake_hand.compiled import njit
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.kernels.geometry import closest
 
-DAMPING = 1e-4
+DAMPING_M_PER_RAD = 1e-4
 """Of the least-squares solutions, m per rad."""
 
 
@@ -212,7 +212,7 @@ def rates(c, f, p, R, at, X, w, v, pivot, J, rate):
     bx = v[0] + w[1] * dz - w[2] * dy
     by = v[1] + w[2] * dx - w[0] * dz
     bz = v[2] + w[0] * dy - w[1] * dx
-    least_squares(J, m, bx, by, bz, DAMPING, rate)
+    least_squares(J, m, bx, by, bz, DAMPING_M_PER_RAD, rate)
     for j in range(m):
         bx -= J[0, j] * rate[j]
         by -= J[1, j] * rate[j]

@@ -39,7 +39,7 @@ _ROW_SYNCS = 1.5
 """After how many SYNC periods without SYNC the timeline gets a row all the same."""
 _ACT_AT_ONCE = (pdo.NMT_COB, 0x500, pdo.SDO_RX_BASE)
 """Frames that may change the motion between SYNCs."""
-_FIRST_SERIAL = 0x1000_0000_0000
+_FIRST_SERIAL_NUMBER = 0x1000_0000_0000
 _FRAME_FAULTS = ("lost", "late", "duplicate")
 
 
@@ -91,7 +91,7 @@ class SimulatedDrives:
         self._simulated = [
             SimulatedDrive(
                 d,
-                serial=_FIRST_SERIAL + d.node if d.serial is None else d.serial,
+                serial=_FIRST_SERIAL_NUMBER + d.node if d.serial is None else d.serial,
                 position=float(position),
                 send=partial(self._send, i),
                 tell=partial(self._tell, i),

@@ -13,7 +13,7 @@ from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.pdo import SYNC_COB
 from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drives import SimulatedDrives
-from drake_hand.epos.sim.motor import INERTIA
+from drake_hand.epos.sim.motor import ROTOR_INERTIA_KG_M2
 
 _LOOK_S = 0.01
 GONE_LOOKS = 300
@@ -45,7 +45,7 @@ def serve_in_step(
     """
     drives = simulated.drives
     reduction = np.array([d.direction * d.cable_ratio * d.gear for d in drives.drives])
-    to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / INERTIA
+    to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / ROTOR_INERTIA_KG_M2
     now, synced, looks, begun = 0.0, False, 0, time.monotonic()
     while not stop.is_set():
         waiting = synced and not clock.waited_for

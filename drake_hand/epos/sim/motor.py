@@ -19,10 +19,10 @@ LAG_S = 2 * DAMPING_RATIO / NATURAL_RAD_S
 """Lag behind the demand at steady speed, 8.9 ms."""
 MAX_ACCELERATION_RAD_S2 = 40_000.0
 """Torque limit over inertia: 4 mNm over twice the rotor's inertia of 0.5e-7 kg m^2."""
-INERTIA, TORQUE_CONSTANT = 1.0e-7, 19.7e-3
+ROTOR_INERTIA_KG_M2, TORQUE_CONSTANT_NM_PER_A = 1.0e-7, 19.7e-3
 INTEGRAL_S = 0.01
 """Time in which the servo's integral part takes over a load."""
-FRICTION = 0.6e-3
+STICTION_NM = 0.6e-3
 """Load [Nm] that the unpowered motor and its gear withstand: fingers that weigh 13 mNm stay, those that press yield.
 An assumption."""
 COAST_S = 0.02
@@ -54,7 +54,7 @@ class Motor:
         self.stops = (-math.inf, math.inf)
         """Where the joint's mechanical stops are, counts on that scale."""
         self._turn = counts_per_turn
-        self._friction = FRICTION / INERTIA * counts_per_turn / (2 * math.pi)
+        self._friction = STICTION_NM / ROTOR_INERTIA_KG_M2 * counts_per_turn / (2 * math.pi)
         self._limit = MAX_ACCELERATION_RAD_S2 * counts_per_turn / (2 * math.pi)
 
     @property
@@ -79,7 +79,7 @@ class Motor:
             drive = self._held = 0.0
             held = min(abs(self.load), self._friction)
             acceleration = self.load - math.copysign(held, self.load) - self.velocity / COAST_S
-        self.current_ma = 1e3 * INERTIA / TORQUE_CONSTANT * drive * 2 * math.pi / self._turn
+        self.current_ma = 1e3 * ROTOR_INERTIA_KG_M2 / TORQUE_CONSTANT_NM_PER_A * drive * 2 * math.pi / self._turn
         if self.stuck:
             self.velocity = 0.0
         elif self.slip and powered:

@@ -10,7 +10,7 @@ from drake_hand.epos.sim.dictionary import Dictionary
 
 _HEADER = struct.Struct("<BHB")
 _TOGGLE_ERROR, _BAD_COMMAND = 0x05030000, 0x05040001
-_TOGGLE = 0x10
+_TOGGLE_BIT = 0x10
 
 
 class SdoServer:
@@ -59,7 +59,7 @@ class SdoServer:
         part = bytes(self._buffer[:7])
         del self._buffer[:7]
         head = self._toggle | (7 - len(part)) << 1 | (not self._buffer)
-        self._toggle ^= _TOGGLE
+        self._toggle ^= _TOGGLE_BIT
         if not self._buffer:
             self._transfer = ""
         return bytes([head]) + part.ljust(7, b"\0")
@@ -83,9 +83,9 @@ class SdoServer:
             self._dictionary.download(*self._key, bytes(self._buffer))
             self._transfer = ""
         response = bytes([0x20 | self._toggle]) + bytes(7)
-        self._toggle ^= _TOGGLE
+        self._toggle ^= _TOGGLE_BIT
         return response
 
     def _check_toggle(self, request: bytes) -> None:
-        if request[0] & _TOGGLE != self._toggle:
+        if request[0] & _TOGGLE_BIT != self._toggle:
             raise SdoAbortedError(_TOGGLE_ERROR)

@@ -14,7 +14,7 @@ from drake_hand.contact.kernels.rolling import Chains
 
 END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING = range(9)
 """What ends a stroke or a hold."""
-WORDS = (
+END_WORDS = (
     "end",
     "joint limit",
     "singular",
