@@ -103,7 +103,7 @@ class Unproven(NoPlanFound):
 
 
 def unfinished(error: NoPlanFound, *, progress: Callable[[Progress], None] | None = None) -> Plan | None:
-    """What planning found although it failed: the plan that was refused, or one as far as the search got.
+    """What a failed planning attempt found: the plan that was refused, or the part that the search reached.
 
     Args:
         error: what :func:`solve` ended with.

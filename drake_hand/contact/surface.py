@@ -203,7 +203,7 @@ class Surface:
         return all(on_line(g) and revolves(g) for g in self.geometries)
 
     def same_after(self, X_OO: np.ndarray) -> bool:
-        """Whether the surface, moved by X_OO (4, 4), is where it was."""
+        """Whether moving the surface by X_OO (4, 4) maps it onto itself."""
         p, n = self._all_over
         R = X_OO[:3, :3]
         _, n_O, off = self.closest(p @ R.T + X_OO[:3, 3])

@@ -36,7 +36,7 @@ class AxisState:
 
     @property
     def layout(self) -> Layout:
-        """Its PDOs."""
+        """The PDOs of its drive type."""
         return LAYOUT[self.drive.type]
 
     @property

@@ -221,7 +221,7 @@ def reset_faults(master: Master, drives: Sequence[Drive]) -> list[str]:
 
 
 def disable_all(master: Master, drives: Sequence[Drive]) -> list[str]:
-    """Reads every drive back as not powered, and disables any that still is; joints where that failed."""
+    """Checks that every drive is without power, and disables any that is not; returns the joints where that failed."""
 
     def one(drive: Drive) -> bool:
         try:

@@ -188,7 +188,7 @@ def reset_faults_and_report(drives: Drives, bus: can.BusABC) -> tuple[list[str],
 
 
 def _operational(master: Master, drives: Drives) -> list[str]:
-    """Starts the nodes and waits until each is heard to be operational; those that are not."""
+    """Starts the nodes and waits until each reports that it is operational; returns those that do not."""
     since = master.clock.now()
     master.nmt(NMT_OPERATIONAL)
 
@@ -255,7 +255,7 @@ def _play(
 
 
 def _touching(plan: Plan) -> list[tuple[float, float]]:
-    """From when to when fingers touch the object, part by part, s."""
+    """Intervals in which fingers touch the object, part by part, s."""
     return [(p.t[0], p.t[-1]) for p in plan.parts if p.contacts]
 
 
@@ -291,7 +291,7 @@ def _watch(player: Player, person: Person, progress: Callable[[RunProgress], Non
 
 
 def _with_history(master: Master, fault: Fault) -> Fault:
-    """Adds what the drive has stored, when it still answers."""
+    """Adds the errors that the drive has stored, if it still answers."""
     if not fault.node:
         return fault
     try:

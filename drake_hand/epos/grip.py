@@ -65,7 +65,7 @@ class Grip:
         """At the last SYNC, of the fingers that have to press."""
 
     def look(self, step: int, axes: Sequence[AxisState]) -> Iterator[str]:
-        """Takes the drives' answers at a step; returns what is wrong, once it has been so for long enough."""
+        """Takes the drives' answers at a step; returns what is wrong once it has lasted long enough."""
         torque = self._per_ma @ np.array([a.current_ma for a in axes], float)
         share = self._per_nm[step] @ (torque - self._weight[step])
         judged = self._judged[step]

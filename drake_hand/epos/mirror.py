@@ -108,7 +108,7 @@ class _Listener:
         (self.current_ma,) = self._layout.current.unpack(data)
 
     def commanded(self, t: float) -> float:
-        """Where it ought to be at bus time t; NaN when unknown or not enabled."""
+        """The commanded position at bus time t; NaN if unknown or not enabled."""
         if self.state is not DriveState.OPERATION_ENABLED:
             return np.nan
         if self._started is None:

@@ -219,7 +219,7 @@ class _HandModel:
         return None
 
     def color(self, error_deg: np.ndarray) -> None:
-        """Colours links by the error (n,) of the joint that moves them; NaN leaves them as they are by nature."""
+        """Colours links by the error (n,) of the joint that moves them; NaN leaves their own colour."""
         for link, joint in self._moved_by.items():
             share = 0.0 if joint is None else min(float(np.nan_to_num(error_deg[joint])) / RED_DEG, 1.0)
             step = round(share * _COLOR_SHADES)

@@ -283,7 +283,7 @@ class Player:
                 self._command(i, word)
             yield
         axis = self.axes[late[0]]
-        raise _Stop("enable", f"is {axis.state.value}, does not get {state.value}", axis)
+        raise _Stop("enable", f"is {axis.state.value}, does not become {state.value}", axis)
 
     def _prime(self) -> Iterator[None]:
         waiting = [deque(b.prime(*self._stretch)) for b in self._backends]

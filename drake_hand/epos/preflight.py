@@ -66,7 +66,7 @@ def check_before_play(
 
 
 def plan_problems(plan: Plan, drives: Drives, excerpt: Excerpt = WHOLE) -> tuple[list[str], bool]:
-    """What is wrong with a plan for these drives before a bus is needed; and whether a file is wrong by it."""
+    """Why these drives cannot play a plan, as far as is known without a bus; and whether a file is to blame."""
     problems, wrong_input = [], False
     if plan.certificate is None:
         problems.append("the plan carries no certificate (drake-hand check PLAN says why)")
@@ -92,7 +92,7 @@ def _schedule(plan: Plan, drives: Drives, start: np.ndarray | None, excerpt: Exc
 
 
 def _look(master: Master, drives: Drives) -> tuple[list[str], list[discovery.Condition]]:
-    """What is wrong on the bus; and how the drives that tell are, in the file's order."""
+    """What is wrong on the bus; and the condition of the drives that answered, in the file's order."""
     problems, answering = discovery.mismatches(master, drives)
     conditions, silent = discovery.conditions(master, answering)
     problems += silent + discovery.not_ready(conditions) + discovery.without_zero(conditions)

@@ -19,7 +19,7 @@ LOW_S = 0.1
 
 
 def _queued(schedule: Schedule) -> int:
-    """Records kept in a queue."""
+    """Number of records to keep queued."""
     ms = schedule.record_steps * schedule.drives.bus.sync_ms
     return min(max(4, int(QUEUE_S * 1e3 / ms)), IP_DEPTH - 4)
 

@@ -115,7 +115,7 @@ class Schedule:
         )
 
     def violations(self) -> list[str]:
-        """What asks more of a motor than its drive may give: joint, node, amount, time and limit; one each at most.
+        """Where the plan exceeds what a drive may do: joint, node, amount, time and limit; at most one per joint.
 
         Speed is the larger of the commanded one and of the distance per period less one count (a jump shows there);
         acceleration is the change of speed over a period, or that of the cubic between PVT records, whole counts and

@@ -22,7 +22,7 @@ class DriveState(Enum):
 
     @property
     def powered(self) -> bool:
-        """Whether the power stage drives the motor."""
+        """Whether the power stage is on."""
         return self in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION)
 
     @property

@@ -171,7 +171,7 @@ def _home(master: Master, drive: Drive, method: int, *, home: int, turn: float, 
 
 
 def _check(master: Master, drive: Drive, status: int) -> None:
-    """Whatever is wrong anywhere ends it."""
+    """Raises if anything is wrong on any drive."""
     state = decode_state(status, drive.type)
     said = [f"node {e.node}: EMCY {od.emcy_words(e.code)}" for e in master.emergencies if e.code]
     if said or state is not DriveState.OPERATION_ENABLED or status & FOLLOWING:

@@ -78,7 +78,7 @@ class Correction:
     """
 
     def __init__(self, plan: Plan, hand: Hand, object_: Object) -> None:
-        """Works out what can be known beforehand.
+        """Computes everything that does not depend on measurements.
 
         Args:
             plan: certified.
@@ -153,7 +153,7 @@ class Correction:
 
     @property
     def report(self) -> CorrectionReport:
-        """What it did so far."""
+        """A report on the run so far."""
         return CorrectionReport(
             looks=self._looks,
             saturated_s=round(float(self._saturated_s), 3),
@@ -166,7 +166,7 @@ class Correction:
         return int(min(max(round(t / GRID_S), 0), len(self._follow.t) - 1))
 
     def _learn(self, t: float, seen: PoseSeen) -> None:
-        """Takes in a look: compares it with the plan, and with what was thought, when it was taken."""
+        """Takes in a measurement: compares it with the plan and with the estimate at the time it was taken."""
         slot = int(np.argmin(np.abs(self._times - seen.t)))
         if self._tick and abs(self._times[slot] - seen.t) > 2 * GRID_S and seen.t < self._times[slot]:
             return  # older than memory goes back

@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSeen:
-    """One look at the object."""
+    """One measurement of the object's pose."""
 
     t: float
     """When the picture was taken, s from the start of the plan; not when it arrived."""

@@ -37,7 +37,7 @@ class PoseSensor:
         ):
             if not (0.0 <= value <= most and (value > 0 or key != "rate_hz")):
                 expected = f"{'above 0' if key == 'rate_hz' else '0'} to {most:g}"
-                raise InputError("not a possible sensor", key=key, found=value, expected=expected)
+                raise InputError("impossible sensor", key=key, found=value, expected=expected)
 
 
 class SimulatedSensor:

@@ -112,7 +112,7 @@ def open_source(spec: str) -> PoseSource:
 
 
 class UdpSource:
-    """Listens for lines; a datagram is a line. What is no pose is counted and otherwise left alone."""
+    """Listens for lines; a datagram is a line. Lines that are not poses are counted and ignored."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         """Binds the port (0: any that is free).
@@ -164,7 +164,7 @@ class CallableSource:
         self._ask = ask
 
     def poll(self, t: float) -> PoseSeen | None:
-        """What the function says."""
+        """The function's answer."""
         return self._ask(t)
 
 

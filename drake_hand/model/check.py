@@ -52,7 +52,7 @@ class HandReport:
 
 
 def load_hand(ref: str | Path) -> tuple[Hand, list[str]]:
-    """A hand, and what was guessed: nothing of a bundled name or a hand file, what `propose_hand` says of a URDF.
+    """Loads a hand and lists what was guessed: nothing, unless it is a bare URDF (see `propose_hand`).
 
     Raises:
         InputError: it cannot be read.
@@ -111,7 +111,7 @@ def check_hand(ref: str | Path) -> HandReport:
 
 
 def _few_drives(hand: Hand) -> list[str]:
-    """What to say of fingers that cannot follow a contact."""
+    """A warning about fingers with too few joints to follow a contact."""
     few = [f"{f.name} ({len(f.joints)})" for f in hand.fingers if len(f.joints) < FOLLOWING_JOINTS]
     return [f"too few drives to follow a contact in any direction, {FOLLOWING_JOINTS}: {', '.join(few)}"] if few else []
 

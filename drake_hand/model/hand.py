@@ -172,9 +172,7 @@ def _build(spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
         raise InputError("a hand needs at least one finger", file=file, key="fingers", found=[], expected="1 or more")
     _known_link(spec.palm, urdf, file, "palm")
     if spec.palm == "world":
-        raise InputError(
-            "Drake keeps this name for itself", file=file, key="palm", found="world", expected="another name"
-        )
+        raise InputError("Drake reserves this name", file=file, key="palm", found="world", expected="another name")
     names = [f.name for f in spec.fingers]
     if len(set(names)) != len(names):
         raise InputError("finger named twice", file=file, key="fingers", found=names, expected="distinct names")

@@ -130,7 +130,7 @@ def _one_link(robot: ET.Element, file: Path, notes: list[str]) -> ET.Element:
     if len(roots) != 1 or any(parent not in links for parent, _ in above.values()):
         names = list(links)
         raise InputError(
-            "an object is one rigid body", file=file, key="link", found=names, expected="links that hang together"
+            "an object is one rigid body", file=file, key="link", found=names, expected="links joined to one another"
         )
     out = ET.Element("robot", name=robot.get("name") or file.stem)
     out.extend(copy.deepcopy(robot.findall("material")))
@@ -196,7 +196,7 @@ def _build(file: Path, robot: ET.Element, read: list[str]) -> Object:
 
 
 def _inertial(link: ET.Element, geometries: tuple[Geometry, ...], source: Source) -> tuple[Inertial, tuple[str, ...]]:
-    """What the file says, unless it says nothing or what no body of this shape can have; and what was assumed."""
+    """The inertia that the file states, or an estimate if that is missing or impossible; and what was assumed."""
     stated = Inertial.read(link, source)
     if stated.mass < 0:
         raise source.error("mass is negative", stated.mass, "> 0 kg")

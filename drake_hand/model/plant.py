@@ -131,7 +131,7 @@ def filtered_pairs(hand: Hand) -> list[tuple[list[str], list[str]]]:
 
 
 def _drake_name(link: str) -> str:
-    """Drake takes a link called ``world`` for its own."""
+    """Renames a link called ``world``, a name that Drake reserves."""
     return "world_link" if link == "world" else link
 
 
@@ -232,7 +232,7 @@ def _plain_properties() -> ProximityProperties:
 
 @contextmanager
 def _drake_log(report: list[str]) -> Iterator[None]:
-    """What Drake logs meanwhile goes to the report."""
+    """Drake's log messages go to the report."""
 
     class Collect(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:

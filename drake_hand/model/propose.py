@@ -120,7 +120,7 @@ def _most(joints: list[Joint], key: str, unit: str) -> str:
 
 
 def _words(direction: np.ndarray) -> str:
-    """A direction of W in words: an axis, or three numbers."""
+    """A direction in W in words: an axis, or three numbers."""
     k = int(np.abs(direction).argmax())
     if abs(direction[k]) > 0.999:
         return f"along {'-' if direction[k] < 0 else ''}{'xyz'[k]}"

@@ -104,7 +104,7 @@ class Scene:
         return torque
 
     def set(self, q: np.ndarray, X_WO: np.ndarray | RigidTransform | None = None) -> None:
-        """Puts hand and object where they are asked about.
+        """Sets the hand's posture and the object's pose.
 
         Args:
             q: (nq,) commanded joints, rad; limits are not enforced.

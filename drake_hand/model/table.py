@@ -17,7 +17,7 @@ _RIM_POINTS = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A plane without end; what is below it is solid."""
+    """An infinite plane; everything below it is solid."""
 
     up_W: np.ndarray
     """(3,) unit normal, against gravity."""
@@ -25,7 +25,7 @@ class Table:
     """Of the plane over W's origin, along `up_W`, m."""
 
     def gap(self, feet: np.ndarray, X_WO: np.ndarray) -> float:
-        """How far the lowest of some :func:`feet` of an object at X_WO (4, 4) is above the plane, m; negative in it."""
+        """How far the lowest of some :func:`feet` of an object at X_WO (4, 4) is above the plane, m; negative below."""
         up_O = X_WO[:3, :3].T @ self.up_W
         sunk = feet[:, 6] * np.sqrt(np.maximum(1.0 - (feet[:, 3:6] @ up_O) ** 2, 0.0)) + feet[:, 7]
         return float((feet[:, :3] @ up_O - sunk).min() + X_WO[:3, 3] @ self.up_W - self.height)

@@ -45,7 +45,7 @@ class Joint:
 
     @property
     def prismatic(self) -> bool:
-        """Whether it slides instead of turning."""
+        """Whether it translates instead of rotating."""
         return self.type == "prismatic"
 
 

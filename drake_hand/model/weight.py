@@ -1,4 +1,4 @@
-"""What the weight of a hand's own links asks of its joints. Needs no Drake; no posture is worse than what it says."""
+"""An upper bound, over all postures, of the joint torques due to the hand's own weight. Needs no Drake."""
 
 from __future__ import annotations
 

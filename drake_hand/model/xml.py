@@ -121,7 +121,7 @@ class Source:
 
 
 def drawn(link: ET.Element) -> list[ET.Element]:
-    """What is seen of a link, as new elements: its visuals, or else its collision shapes."""
+    """What is drawn of a link, as new elements: its visuals or, where it has none, its collision shapes."""
     shapes = copy.deepcopy(link.findall("visual") or link.findall("collision"))
     for shape in shapes:
         shape.tag = "visual"

@@ -34,7 +34,7 @@ class RateLimits:
 
     @property
     def weight(self) -> float:
-        """The object's on earth, N."""
+        """Weight of the object on Earth, N."""
         return self.mass * STANDARD_GRAVITY
 
     @classmethod

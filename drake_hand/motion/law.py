@@ -31,7 +31,7 @@ def smooth() -> PPoly:
 
 
 def stretched(law: PPoly, factor: float) -> PPoly:
-    """The same law, taking `factor` as long."""
+    """The same law, slowed down by a factor."""
     powers = np.arange(len(law.c))[::-1, None]
     return PPoly(law.c / factor**powers, law.x * factor)
 

@@ -109,11 +109,11 @@ class _Timed:
     """What presses the object on, where forces balance more than its weight."""
 
     def stretched(self, factor: float) -> _Timed:
-        """The same, taking `factor` as long."""
+        """The same leg, slowed down by a factor."""
         return replace(self, law=laws.stretched(self.law, factor))
 
     def excess(self) -> float:
-        """The factor by which its duration is too short; below 1 it could be faster."""
+        """The factor by which its duration must grow to keep the limits; below 1 it could be shorter."""
         breaks = self.law.x
         # both sides of every break, where the acceleration of s jumps
         t = np.unique(np.concatenate([np.linspace(0.0, breaks[-1], 2 * _GRID_POINTS), breaks, breaks[1:] - 1e-12]))

@@ -28,7 +28,7 @@ class PushForce:
     def __post_init__(self) -> None:
         for key, value, most in (("push_n", self.push_n, 100.0), ("push_ms", self.push_ms, 1000.0)):
             if not 0.0 < value <= most:
-                raise InputError("not a possible push", key=key, found=value, expected=f"above 0 to {most:g}")
+                raise InputError("impossible push", key=key, found=value, expected=f"above 0 to {most:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""One run: a plan's commands played in physics, and what happened to the object."""
+"""One run: a plan's commands played in physics, and what became of the object."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def replay(
                 physics.push(perturbation.push_during(t - SAMPLE_S, t))
             physics.advance(t)
         except RuntimeError as e:
-            raise DrakeHandError(f"the simulation broke down at {t:.3f} s: {e}") from e
+            raise DrakeHandError(f"the simulation failed at {t:.3f} s: {e}") from e
         if correction:
             sensor.observe(t, physics.X_WO)
             physics.correct(correction.step(t, sensor.poll(t)))

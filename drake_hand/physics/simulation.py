@@ -271,7 +271,7 @@ class DrakeSimulation:
         return self.plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry)).name()
 
     def stand(self, q: np.ndarray) -> None:
-        """Puts the hand into a posture (nq,), rad, as it is."""
+        """Puts the hand into a posture (nq,), rad, at once."""
         positions = self.plant.GetPositions(self._context)
         for name, value in joint_values(self.hand, q).items():
             positions[self.plant.GetJointByName(name).position_start()] = value

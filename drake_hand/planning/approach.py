@@ -37,7 +37,7 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
     X = builder.X_WO
     for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W) for i, c in contacts.items()}, X):
         down = {i: way[::-1] for i, way in up.items()}
-        legs = ways(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
+        legs = joint_paths(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:
             for pieces in [*legs, down]:
                 builder.move(pieces)
@@ -59,7 +59,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
         lifted = builder.q.copy()
         for i, way in up.items():
             lifted[fingers[i].columns] = way[-1]
-        legs = ways(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
+        legs = joint_paths(clearance, lifted, {i: q_rest[fingers[i].columns] for i in n_W}, X)
         if legs is not None:
             for i in n_W:
                 builder.break_(i)
@@ -69,7 +69,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
     return False
 
 
-def ways(
+def joint_paths(
     clearance: Clearance, q: np.ndarray, goals: dict[int, np.ndarray], X_WO: np.ndarray
 ) -> list[dict[int, np.ndarray]] | None:
     """Paths of several free fingers from q (nq,) to their goals (m,).

@@ -152,7 +152,7 @@ class Clearance:
         return self._postures[i]
 
     def centres(self, i: int, q: np.ndarray) -> np.ndarray:
-        """(N, any, 3) where the spheres of finger i are in W at q (N, m): what all the others ask for."""
+        """(N, any, 3) centres in W of the spheres of finger i at q (N, m); computed once for all who ask."""
         s = self._spheres[i]
         p, R = self.kinematics[i].frames(q)
         return (p[s.joint] + np.einsum("snij,sj->sni", R[s.joint], s.p_J)).transpose(1, 0, 2)

@@ -29,7 +29,7 @@ def at_ease(
     expansions: int = EASE_EXPANSIONS,
     most: int = EASY_GRASPS,
 ) -> list[Node]:
-    """Those of some grasps, and of others a few switches from them, that can spare most fingers.
+    """The grasps, of those given and of others a few switches away, that can spare most fingers.
 
     Args:
         moves: along the path that begins there.
@@ -54,5 +54,5 @@ def at_ease(
 
 
 def ease(moves: Moves, x: Node) -> int:
-    """How many fingers a grasp can spare that get away from their contacts, so that they can come back to them, too."""
+    """How many fingers a grasp can spare that can also leave their contacts, and so come back to them."""
     return sum(leaves(moves, x, f) for f in np.flatnonzero(x.liftable).tolist())

@@ -209,7 +209,7 @@ def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touch
 
 
 def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, best: float) -> tuple[str, str]:
-    """What is missing where sets of contacts do not balance the object, in words and as a constraint."""
+    """What sets of contacts lack that do not balance the object, in words and as a constraint."""
     load = moves.load
     least = f"at best {-best:.2g} N are missing"
     if touching.sum(axis=1).max() < load.min_contacts:

@@ -17,7 +17,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import Node, Stroke
-from drake_hand.planning.switches import ways_of
+from drake_hand.planning.switches import path_pieces
 from drake_hand.plans.path import Leg
 
 
@@ -35,7 +35,7 @@ class LegBuilder:
         self._events: list[str] = []
 
     def copy(self) -> LegBuilder:
-        """One that goes on from here without changing this one."""
+        """An independent copy, to continue from here."""
         other = copy(self)
         other.touching, other.sliding = dict(self.touching), set(self.sliding)
         other.legs, other._events = list(self.legs), list(self._events)
@@ -137,7 +137,7 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
 
 
 def _switch(builder: LegBuilder, moves: Moves, before: Node, after: Node, finger: int) -> None:
-    ways = ways_of(moves, before, after)
+    ways = path_pieces(moves, before, after)
     if before.touching[finger]:
         builder.regrasps += bool(after.touching[finger])
         builder.dwell()

@@ -1,4 +1,4 @@
-"""Where fingers wait that take no part in the motion.
+"""Where fingers that take no part in the motion wait.
 
 A finger that stays at home is often in the way of the object or of others; it is moved once, at the beginning, to the
 posture that keeps clear of the whole path.
@@ -74,7 +74,7 @@ def park(
 
 
 def _near(clearance: Clearance, i: int, rest: np.ndarray) -> Iterator[np.ndarray]:
-    """The posture (m,) itself, then batches of postures (n, m) ever farther from it."""
+    """The posture (m,) itself, then batches of postures (n, m) at growing distances from it."""
     yield rest[None]
     grid = clearance.postures(i).q
     grid = grid[np.argsort(np.abs(grid - rest).max(axis=1), kind="stable")]

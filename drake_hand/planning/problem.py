@@ -41,7 +41,7 @@ POLYHEDRON_FINENESS = 2
 
 @dataclass(kw_only=True)
 class Problem:
-    """Knows its models and how much time is left; tasks that differ in start and gravity share it."""
+    """A task's models and time limit; tasks that differ only in start and gravity share them."""
 
     task: Task
     hand: Hand
@@ -79,7 +79,7 @@ class Problem:
 
     @contextmanager
     def stage(self, name: str):
-        """Adds up the time spent in a stage."""
+        """Adds the time spent inside to a stage's total."""
         self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
         t = time.monotonic()
         try:

@@ -86,7 +86,7 @@ class Search:
         self._add(states)
 
     def restart(self) -> None:
-        """Begins again where it led to no answer yet, with other random draws."""
+        """Starts over with other random draws, unless it has led to an answer."""
         self._bins.clear()
         self._tried.clear()
         self._expanded.clear()
@@ -193,7 +193,7 @@ class Search:
 
     @property
     def straight(self) -> bool:
-        """Whether the object gets all the way without a switch, from a start that the hand can get to."""
+        """Whether the object reaches the goal without a switch, from a start that the hand can get to."""
         return self._arrived(self._onward) is not None
 
     @property
@@ -208,7 +208,7 @@ class Search:
 
     @property
     def goal_fraction(self) -> float:
-        """Share of what it looks for that was reached: of the motion, or of the period that a gait would repeat."""
+        """Share of the search's goal that was reached: of the motion, or of the period that a gait would repeat."""
         return min(1.0, self.fraction * (self.period.count if self.period else 1))
 
     @property
@@ -240,7 +240,7 @@ class Search:
         return children
 
     def _repeated(self, children: list[Node]) -> tuple[list[Node], list[Node]]:
-        """States most at ease, where a stroke ends with a period; and the states at the goal that gaits lead to."""
+        """The states most at ease at which a period ends; and the states at the goal that gaits lead to."""
         if self.period is None:
             return [], []
         ended = [x for x in children if self.period.ended(x)]
@@ -254,7 +254,7 @@ class Search:
 
     @cached_property
     def _onward(self) -> list[Node]:
-        """Where the starts get to along the nominal path, as long as that is no answer yet."""
+        """Where the starts get to along the nominal path, for as long as that is not yet an answer."""
         return onward(self.moves, list(self.starts))
 
     def _founded(self, x: Node) -> bool:

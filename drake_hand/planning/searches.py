@@ -210,7 +210,7 @@ def _usable(problem: Problem, task: Task) -> frozenset[int]:
 def _in_turn(
     problem: Problem, attempts: list[Attempt], failures: list[NoPlanFound], most: int | None = None
 ) -> Iterator[tuple[Task, LegBuilder]]:
-    """Ways that some searches find, in so many expansions at most if that is given."""
+    """The motions that some searches find in turn, within a number of expansions if one is given."""
 
     def given_up() -> bool:
         spent = most is not None and sum(x.search.expansions for x in attempts) >= most
@@ -275,7 +275,7 @@ def _gait(problem: Problem, attempt: Attempt) -> Node | None:
 
 
 def _shortened(problem: Problem, attempt: Attempt, end: Node, share: float) -> Node:
-    """The end of the same motion with fewer regrasps, if that leaves no more than a share of them."""
+    """The end of the same motion with fewer regrasps, if enough of them can be left out."""
     with problem.stage("shorten"):
         found = shortened(attempt.search.moves, end)
     return found if found.regrasps <= share * end.regrasps else end

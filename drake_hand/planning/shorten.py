@@ -1,4 +1,4 @@
-"""Removes regrasps that a motion can do without: fingers stay where they were, as long as everything else still works.
+"""Removes regrasps that a motion can do without: fingers stay where they were if everything else still works.
 
 Given the object's poses, every finger is a robot of its own: a finger that is not regrasped changes nothing about the
 others except what they may collide with and what they have to hold. ::

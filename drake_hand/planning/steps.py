@@ -190,7 +190,7 @@ def settle(builder: LegBuilder, clearance: Clearance, q: np.ndarray) -> None:
         builder.q = q.copy()
         return
     free = {i: q[f.columns] for i, f in enumerate(builder.hand.fingers) if i not in builder.touching}
-    ways = approach.ways(clearance, builder.q, free, builder.X_WO)
+    ways = approach.joint_paths(clearance, builder.q, free, builder.X_WO)
     if ways is None:
         what = "the fingers that take no part find no path to where they would wait"
         raise no_plan(what, mode=builder.mode, constraint="collision", X_WO=builder.X_WO)

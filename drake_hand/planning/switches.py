@@ -178,7 +178,7 @@ def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwi
     return None
 
 
-def ways_of(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
+def path_pieces(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
     """The pieces (k, m) of the path of a switch: lift, travel and landing, as many of them as it has."""
     move = after.move
     assert isinstance(move, FingerSwitch)
@@ -203,7 +203,7 @@ def ways_of(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ...]:
 
 def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
     way = np.zeros((transit.LIFT_KNOTS, len(q)))
-    transit.lift_way(moves.world, finger, state.X, state.q, q, n_W, LIFTS_M[height], way)
+    transit.lift_path(moves.world, finger, state.X, state.q, q, n_W, LIFTS_M[height], way)
     return way
 
 

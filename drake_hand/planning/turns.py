@@ -1,4 +1,4 @@
-"""Several searches, from several starts, a slice each at first, then more for those that got farther.
+"""Several searches from several starts: a slice each at first, then more for those that got farther.
 
 Which of them works does not depend on the number of cores or on how fast they are, so that plans are repeatable.
 """
@@ -35,7 +35,7 @@ class Attempt:
 
     @property
     def effort(self) -> float:
-        """Its cost so far, relative to how far it got; nothing as long as that is not known."""
+        """Its cost so far, relative to how far it got; zero while that is unknown."""
         return self.search.expansions / (0.3 + self.search.goal_fraction) ** 3
 
 

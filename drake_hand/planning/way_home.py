@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning.approach import ways
+from drake_hand.planning.approach import joint_paths
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.legs import LegBuilder
@@ -43,7 +43,7 @@ def find_way(scene: Scene, task: Task, q: np.ndarray, goal: np.ndarray, X_WO: np
     clearance = Clearance(scene, task.table)
     _check_clear(clearance, q, X_WO)
     builder = LegBuilder(hand, q, X_WO)
-    legs = ways(clearance, q, {i: goal[f.columns] for i, f in enumerate(hand.fingers)}, X_WO)
+    legs = joint_paths(clearance, q, {i: goal[f.columns] for i, f in enumerate(hand.fingers)}, X_WO)
     if legs is None:
         raise no_plan("no order of the fingers gives a path", mode=code(hand, ()), constraint="collision", X_WO=X_WO)
     for pieces in legs:

@@ -17,7 +17,7 @@ _LOOK_S, _NEAR_RAD = 0.02, np.radians(3.0)
 
 
 def hold_windows(plan: Plan) -> list[tuple[float, float]]:
-    """From when to when the fingers are to hold the object without a fixture, grasp by grasp, s.
+    """Intervals in which the fingers are to hold the object without a fixture, one per grasp, s.
 
     A grasp is complete at the first knot at which the planned forces balance the weight and have stopped rising
     (for kinematic plans: at which enough fingers touch). Its hold ends at the last such knot.
@@ -49,7 +49,7 @@ def hold_windows(plan: Plan) -> list[tuple[float, float]]:
 
 
 def free_windows(plan: Plan) -> list[tuple[float, float]]:
-    """From when to when no fixture holds the object, s: while the fingers do, or always, where it lies on a table."""
+    """Intervals without a fixture, s: while the fingers hold the object, or all the time if it lies on a table."""
     return [(0.0, plan.duration)] if plan.task.support else hold_windows(plan)
 
 

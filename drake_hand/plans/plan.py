@@ -99,12 +99,12 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     """sha256 over all of the certificate but this."""
 
     def sealed(self) -> Certificate:
-        """The same with its digest."""
+        """A copy that carries its digest."""
         return msgspec.structs.replace(self, digest=_digest(msgspec.structs.replace(self, digest="")))
 
     @property
     def intact(self) -> bool:
-        """Whether it says what it said when it was made."""
+        """Whether it is unchanged since it was made."""
         return self.digest == self.sealed().digest
 
     def _repr_html_(self) -> str:
@@ -158,7 +158,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
 
     @property
     def certified(self) -> bool:
-        """Whether it carries a certificate that says yes, is as it was made, and is about this very plan."""
+        """Whether it carries a positive certificate that is unchanged and belongs to exactly this plan."""
         c = self.certificate
         return c is not None and c.certified and c.intact and c.plan_hash == self.hash
 
@@ -244,7 +244,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
                 refuse("contacts do not fit the mode", f"{key}.contacts", sorted(part.contacts), sorted(touching))
 
     def _arrays(self, part: Part) -> Iterator[tuple[str, list[Row], int]]:
-        """All arrays of a part that are there: name, rows and width."""
+        """All arrays that a part has: name, rows and width."""
         nq = len(self.joints)
         yield from (("q", part.q, nq), ("v", part.v, nq), ("X_WO", part.X_WO, 7), ("V_WO", part.V_WO, 7))
         if part.q_offset is not None:

@@ -16,7 +16,7 @@ _NEAR_RAD = np.radians(1.0)
 
 
 class Whereabouts:
-    """Follows a plan.
+    """Tracks the progress of a plan.
 
     Args:
         plan: what may be played.

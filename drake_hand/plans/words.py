@@ -32,7 +32,7 @@ class Line:
 
     @property
     def margin(self) -> str:
-        """The share in per cent; far beyond the limit, how many times it; or how far it got."""
+        """The share in per cent; far beyond the limit, a multiple of it; or the value reached."""
         if self.share is None or self.reached:
             return self.reached
         return per_cent(self.share) if self.share >= -1 else f"{figure(1 - self.share)} x the limit"
@@ -192,7 +192,7 @@ def figure(value: float) -> str:
 
 
 def per_cent(share: float) -> str:
-    """A share in per cent, with as many digits as it takes to distinguish it from 0 and from 100."""
+    """A share in per cent, with enough digits to distinguish it from 0 and from 100."""
     digits = 0
     while digits < 2 and (abs(share) < 0.095 * 10**-digits or 0 < abs(1 - share) < 0.005 * 10**-digits):
         digits += 1
@@ -229,7 +229,7 @@ def _told(line: Line, of: str = "") -> str:
 
 
 def _of(line: Line, certificate: Certificate, hand: Hand | None) -> str:
-    """The limit that a ratio is a share of, where the hand says it."""
+    """The limit that a ratio refers to, if the hand states it."""
     joint = certificate.worst[line.field].where.removesuffix(", commanded")
     if hand is None or joint not in hand.joints:
         return " of its limit" if line.field.endswith("_ratio") else ""

@@ -1,4 +1,4 @@
-"""What came of a sweep: a summary by task and varied values, and figures."""
+"""The results of a sweep: a summary by task and varied values, and figures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def summary(grouped: dict[str, list[CaseRow]]) -> list[tuple[object, ...]]:
 
 
 def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
-    """Draws what came of each group, and how long planning took, as PNG files."""
+    """Draws the results of each group, and how long planning took, as PNG files."""
     from matplotlib.figure import Figure
 
     labels, heights = list(grouped), 1.2 + 0.35 * len(grouped)

@@ -75,7 +75,7 @@ def run_sweep(
 
 
 def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
-    """What becomes of the cases, as they finish; only so many are handed out that no worker waits."""
+    """The results of the cases as they finish; no more are handed out than keep every worker busy."""
     from distributed import as_completed
 
     waiting = iter(todo)
@@ -99,7 +99,7 @@ def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
         elif future.status == "error":
             yield Done(row=CaseRow.of(case, status="crashed", reason=" ".join(str(future.exception()).split())))
         else:
-            raise DrakeHandError("the scheduler is lost; run the sweep again to go on where it stopped")
+            raise DrakeHandError("the scheduler is lost; run the sweep again to continue where it stopped")
         future.release()
         hand_out()
 

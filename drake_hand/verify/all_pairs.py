@@ -1,4 +1,4 @@
-"""How fast is the certificate, compared with asking Drake about every sample and every pair of shapes?"""
+"""The certificate's speed, compared with asking Drake about every sample and every pair of shapes."""
 
 from __future__ import annotations
 

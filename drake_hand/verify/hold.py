@@ -22,7 +22,7 @@ _STILL_M = 1e-8
 
 
 def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan], findings: Findings) -> None:
-    """Judges forces and contacts wherever neither fixture nor support has the object, and its rest where they do.
+    """Judges forces and contacts wherever neither fixture nor support has the object, and that it rests where they do.
 
     An object at rest on a table is judged with what the table bears; one that moves there, or is above it, without.
     """
@@ -62,7 +62,7 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
 
 
 def _ends_held(task: Task) -> bool:
-    """Whether the fingers still have the object when the motion is over."""
+    """Whether the fingers still hold the object at the end of the motion."""
     last = [step.kind for step in task.motion if step.kind in ("grasp", "release")]
     in_grasp = isinstance(task.start, Pose) and bool(task.start.joints_deg)
     return last[-1] == "grasp" if last else in_grasp

@@ -87,7 +87,7 @@ def _fingers(plan: Plan) -> list[tuple[int, str]]:
 
 
 def _slides(plan: Plan) -> list[tuple[int, str]]:
-    """Every finger that a step asks to slide does."""
+    """Whether every finger that a step asks to slide does so."""
     told = {s.slide.finger for s in plan.task.motion if s.slide}
     modes = {part.mode: _mode(plan, part) for part in plan.parts}.values()
     sliding = {f for m in modes for f, s in zip(plan.fingers, m.submodels, strict=True) if s is Submodel.SLIDE}

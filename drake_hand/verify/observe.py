@@ -168,7 +168,7 @@ def _travel(trajectory: Trajectory, states: States, tree: Tree, levers: np.ndarr
 def _free_tips_between(
     trajectory: Trajectory, states: States, scene: Scene, digits: np.ndarray, gap: np.ndarray, travel: np.ndarray
 ) -> tuple[float, int, str]:
-    """As `Observed.between`, for tips that are FREE: gaps (k, F) at both ends tell how near they come in between."""
+    """As `Observed.between`, for tips that are FREE: gaps (k, F) at both ends bound how near they come in between."""
     tree, slack = Tree.of(scene), TOLERANCES["contact_mm"] / 1000
     assert scene.object is not None
     solid = PackedObject.of(scene.object)

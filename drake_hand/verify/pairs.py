@@ -178,7 +178,7 @@ class Clearances:
         return best, at, name
 
     def between(self, states: States, travel: np.ndarray) -> tuple[float, int, str]:
-        """A bound of how deep a pair may be in each other between samples that are clear, the first found; or 0.
+        """A bound on how deep a pair may penetrate between two clear samples, for the first pair found; or 0.
 
         A pair that is some way apart at a sample is looked at again where the bodies may have moved so far since.
         """

@@ -85,7 +85,7 @@ class PackedObject:
         t = np.cross(e, n_O)
         t /= np.linalg.norm(t, axis=1, keepdims=True)
         sides = np.stack([t, np.cross(n_O, t)], axis=1)
-        # the normal turns by c / (1 + radius c) per way of the sphere's centre; as many ways make that of all of them
+        # the normal turns by c / (1 + radius c) per distance that the sphere's centre moves, here in six directions
         way = np.exp(1j * np.pi / 3 * np.arange(6)).view(float).reshape(6, 2)
         normal = self.distance(p_O[:, None] + PATCH_M * (way @ sides))[1]
         H = (sides @ np.swapaxes(normal, 1, 2)) @ way / (3 * PATCH_M)

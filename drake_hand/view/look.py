@@ -63,7 +63,7 @@ def render_task(task: Task) -> Page:
 
 
 def render_failure(task: Task, error: NoPlanFound) -> Page:
-    """What there is to see of a plan that was not found: the object where it blocked, the blocking finger marked."""
+    """A search that failed: the object where it got stuck, the blocking finger marked."""
     X_WO, note = _start(task)
     where = error.evidence.X_WO
     blocked = error.evidence.finger
@@ -74,7 +74,7 @@ def render_failure(task: Task, error: NoPlanFound) -> Page:
 
 
 def _start(task: Task) -> tuple[np.ndarray, str]:
-    """Where the object starts, and what is to be said about it."""
+    """Where the object starts, and a remark about it."""
     if task.start != "auto":
         return pose_matrix(task.start), ""
     hand = Hand.load(task.hand)

@@ -58,7 +58,7 @@ def _stuck(plan: Plan) -> float:
 
 
 def _shown_at(plan: Plan, time_s: float, part: int | None) -> float:
-    """When the page is in a part: just before its end where that is the time, at which the next one begins there."""
+    """The time at which the page shows a part: just before its end, because at its end the next one begins."""
     return time_s if part is None else min(time_s, plan.parts[part].t[-1] - INSTANT_S)
 
 

@@ -224,7 +224,7 @@ class Stage:
 
     @property
     def scene(self) -> dict[str, Any]:
-        """What the panel of the page has to know of the scene."""
+        """What the page's panel needs to know about the scene."""
         tips = [
             {"name": f.name, "color": finger_color(f.index), "path": f"stage/hand/{f.tip_link}", "p": f.p_LC.tolist()}
             for f in self._scene.hand.fingers
@@ -305,7 +305,7 @@ class Stage:
                 self._animation.SetProperty(int(k), f"{_ROOT}/{path}", "visible", bool(visible[k]))
 
     def _face(self, towards: np.ndarray) -> None:
-        """Notes from where the page may look: from the object's side, in V."""
+        """Notes the directions from which the page may look, in V: from the object's side."""
         palm = towards / max(np.linalg.norm(towards), 1e-9)
         flat = np.array([*towards[:2], 0.0])
         front = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 1e-3 * self.size else np.array([1.0, 0, 0])
@@ -316,7 +316,7 @@ class Stage:
 
 
 def _quiet_meshcat() -> Meshcat:
-    """A Meshcat that does not tell of its port: only its page is wanted."""
+    """A Meshcat that does not print its port, since only its page is wanted."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)

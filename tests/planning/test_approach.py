@@ -62,7 +62,7 @@ def crossing():
 
 def test_fingers_whose_ways_cross_do_not_go_at_once(crossing):
     c, X, start, goals = crossing
-    legs = approach.ways(c, start, goals, X)
+    legs = approach.joint_paths(c, start, goals, X)
     assert legs, "one after the other they can"
     rows = followed(c, start, legs)
     assert least_gap(c, rows) > 0.0
@@ -77,10 +77,10 @@ def test_fingers_whose_ways_cross_do_not_go_at_once(crossing):
 def test_fingers_whose_ways_are_clear_go_at_once(crossing):
     c, X, _, _ = crossing
     goals = {i: c.hand.q_home[f.columns] + [0.0, 0.1 * (i + 1), 0.2] for i, f in enumerate(c.hand.fingers)}
-    (leg,) = approach.ways(c, c.hand.q_home, goals, X)
+    (leg,) = approach.joint_paths(c, c.hand.q_home, goals, X)
     assert set(leg) == {0, 1, 2, 3}
     assert len({len(way) for way in leg.values()}) == 1
-    assert approach.ways(c, c.hand.q_home, {0: c.hand.q_home[c.hand.fingers[0].columns]}, X) == []
+    assert approach.joint_paths(c, c.hand.q_home, {0: c.hand.q_home[c.hand.fingers[0].columns]}, X) == []
 
 
 def touched(reach, holds) -> dict[int, approach.PlannedContact]:

@@ -13,7 +13,7 @@ from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
-from drake_hand.planning.switches import draw_retreats, draw_switches, ways_of
+from drake_hand.planning.switches import draw_retreats, draw_switches, path_pieces
 from drake_hand.planning.transit import MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
 from tests.contact.plain_rolling import roll
@@ -271,7 +271,7 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
         for f in range(4):
             for after in [*draw_switches(m, before, f), *draw_retreats(m, before, f)]:
                 q = np.concatenate([before.q[k][: len(c.kinematics[k].lower)] for k in range(4)])
-                around, pieces = Surroundings.of(c, q, X, f), ways_of(m, before, after)
+                around, pieces = Surroundings.of(c, q, X, f), path_pieces(m, before, after)
                 np.testing.assert_allclose(pieces[0][0], before.q[f])
                 np.testing.assert_allclose(pieces[-1][-1], after.q[f])
                 lifted, landed = bool(before.touching[f]), bool(after.touching[f])

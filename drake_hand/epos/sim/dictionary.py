@@ -88,14 +88,14 @@ class Dictionary:
         entry.on_read, entry.on_write = read or entry.on_read, write or entry.on_write
 
     def be(self, vendor: int, product: int) -> None:
-        """Takes on an identity, also over a reset."""
+        """Takes on an identity that survives resets."""
         for obj, value in ((o.VENDOR, vendor), (o.PRODUCT, product)):
             entry = self._entries[obj.index, obj.sub]
             entry.value = entry.default = value
 
     @property
     def objects(self) -> list[Obj]:
-        """All there are."""
+        """All of its objects."""
         return [e.obj for e in self._entries.values()]
 
     def entry(self, index: int, sub: int) -> Entry:

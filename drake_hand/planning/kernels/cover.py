@@ -1,4 +1,4 @@
-"""Few spheres that cover many triangles: ever the one that adds most."""
+"""A few spheres that cover many triangles: a greedy choice, each time the sphere that adds most."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def twists(w, f, q, before, turned, s):
 
 @njit()
 def held(w, load, mask, X, s, enough):
-    """Margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`.
+    """The margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`.
 
     Of a margin that is more than `enough` only that is told, not how much.
     """

@@ -53,7 +53,7 @@ def turned(A, w, v, share, out):
 def poses_beside(X, turn, shift, s, off, out):
     """Writes poses (N, 3, 4) at progress s (N,) along a path, with offsets (N, 6); see `ObjectPath.beside`.
 
-    The way is given by its poses X (K + 1, 3, 4) and by rotation vector and translation (K, 3) from each to the next.
+    The path is given by its poses X (K + 1, 3, 4) and by rotation vector and translation (K, 3) from each to the next.
     """
     none, nominal = np.zeros(3), np.zeros((3, 4))
     for k in range(len(s)):

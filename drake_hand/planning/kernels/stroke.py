@@ -132,7 +132,7 @@ def strokes(w, load, X, K, q0, touching, every, q, length, why, who):
         w: the world.
         load: what it takes to hold the object.
         X: (N, most + 1, 3, 4) object poses, the first is where it is.
-        K: (N,) steps of each way.
+        K: (N,) steps of each path.
         q0: (N, n, m) postures; fingers that do not touch stay there.
         touching: (N, n) bool.
         every: balance is tested every so many steps, and at the last.

@@ -111,7 +111,7 @@ def lift(w, f, q, n, height, X, way, s):
     """Writes the path (LIFT_KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
 
     Returns:
-        Whether it is one way and clear; the others have to be placed. Its end is clear of the object, tip and all.
+        Whether it is continuous and clear; the others have to be placed. Its end is clear of the object, tip and all.
     """
     c, m, last = w.chains, w.chains.joints[f], len(way) - 1
     frames(c, f, q, s.p, s.R)
@@ -267,7 +267,7 @@ def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
 
 
 @njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, ::1]))
-def lift_way(w, f, X, others, q, n, height, way):
+def lift_path(w, f, X, others, q, n, height, way):
     """Writes the path (LIFT_KNOTS, m) of a lift; see `lift`. What is in the way is not reported."""
     s = scratch(w)
     for j in range(len(others)):

@@ -1,4 +1,4 @@
-"""What kernels work on: `World`, `Load` and `Scratch`, arrays all of them, and their types for the compiler."""
+"""`World`, `Load` and `Scratch`: the arrays that kernels work on, and their types for the compiler."""
 
 from __future__ import annotations
 
