@@ -40,6 +40,7 @@ SILENCE_S = 900.0
 
 KINDS = {
     "task": 1,
+    "sweep_file": 4,
     "object": 1,
     "plan_file": 1,
     "drives_file": 1,
@@ -47,6 +48,7 @@ KINDS = {
     "mesh": 20,
     "urdf": 4,
     "hand_file": 4,
+    "mjcf": 1,
     "frames": 4,
     "scene": 50,
     "certificate": 50,

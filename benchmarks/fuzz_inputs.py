@@ -21,12 +21,13 @@ from drake_hand.files import bundled, data_dir
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.propose import propose_hand
-from drake_hand.model.readable import readable
+from drake_hand.model.readable import readable, write_readable
 from drake_hand.model.scene import Scene
 from drake_hand.model.urdf import Urdf
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.task import Task
 from drake_hand.plans.trajectory import Trajectory
+from drake_hand.sweep.spec import load_cases
 
 FRAMES = 40
 """Frames of one input of the kind ``frames``."""
@@ -39,6 +40,42 @@ ODD = [
     "\U0001f590", "\t", "\r",
 ]  # fmt: skip
 """What stands in files where people, programs and broken disks put it."""
+MJCF = """
+<mujoco model="claw">
+  <compiler angle="degree" autolimits="true"/>
+  <default><joint damping="0.02" axis="0 1 0"/></default>
+  <asset><mesh name="wedge" vertex="0 0 0  0.02 0 0  0 0.03 0  0 0 0.04"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="palm" pos="0 0 0.3" euler="10 20 30">
+      <geom type="box" size="0.03 0.04 0.01"/>
+      <body name="a1" pos="0.02 0 0.02">
+        <joint name="a_side" axis="1 0 0" pos="0.001 0.002 0" range="-20 20"/>
+        <joint name="a_bend" ref="25" range="-10 100"/>
+        <geom type="capsule" fromto="0 0 0 0.01 0 0.04" size="0.008"/>
+        <body name="a2" pos="0.01 0 0.045">
+          <joint name="a_tip" range="0 90"/>
+          <geom type="mesh" mesh="wedge"/>
+        </body>
+      </body>
+      <body name="b1" pos="-0.02 0.01 0.02" quat="0.9 0.1 0.3 0.2">
+        <inertial pos="0 0 0.01" mass="0.02" diaginertia="1e-6 1e-6 1e-6"/>
+        <joint name="b_slide" type="slide" axis="0 0.6 0.8" range="-0.01 0.02"/>
+        <geom type="ellipsoid" size="0.006 0.007 0.02"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="a_tip" joint2="a_bend" polycoef="0.1 0.7 0 0 0"/></equality>
+  <actuator><motor joint="a_bend" ctrlrange="-1 1"/><position joint="b_slide" kp="10"/></actuator>
+</mujoco>
+"""
+SWEEP = """
+tasks: [spin]
+seeds: 2
+vary:
+  motion.1.rotate.angle_deg: [90, 180]
+  physics.friction: [0.6, 0.8]
+"""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 
@@ -135,6 +172,10 @@ class Reader:
         readable(urdf, lambda mesh: mesh.name)
         Hand.build(propose_hand(urdf).spec, urdf, urdf.file)
 
+    def mjcf(self, rng: np.random.Generator) -> None:
+        """`hand convert my_hand.xml`."""
+        write_readable(self.write("input.xml", damaged(MJCF, rng)), self.folder / "converted")
+
     def scene(self, rng: np.random.Generator) -> None:
         """Hand and object in Drake."""
         file = self.write("input.urdf", self.text("urdf", rng) if rng.random() < 0.5 else self._text("urdf"))
@@ -155,6 +196,10 @@ class Reader:
     def task(self, rng: np.random.Generator) -> None:
         """A task file."""
         Task.load(self.write("input.task.yaml", self.text("task", rng)))
+
+    def sweep_file(self, rng: np.random.Generator) -> None:
+        """A sweep file."""
+        load_cases(self.write("input.sweep.yaml", damaged(SWEEP, rng)))
 
     def object(self, rng: np.random.Generator) -> None:
         """An object's URDF."""

@@ -20,6 +20,7 @@ import trimesh
 from drake_hand.errors import InputError
 from drake_hand.files import make_folder, write_atomic
 from drake_hand.model.inertia import Inertial
+from drake_hand.model.mujoco_warnings import mujoco_warnings
 from drake_hand.model.xml import drake_tag, write_origin, write_xml
 
 GROUND = "ground"
@@ -44,21 +45,22 @@ def write_urdf(file: Path, folder: Path) -> tuple[Path, list[str]]:
         folder: where ``<name>.urdf`` and ``meshes/`` are written; exists.
 
     Returns:
-        The URDF, and a line for each thing that it does not say.
+        The URDF, and a line for each thing that it does not say, or that MuJoCo warns of.
 
     Raises:
         InputError: MuJoCo does not read the model, nothing in it turns or slides, or a joint is a ball.
     """
-    try:
-        model = mujoco.MjModel.from_xml_path(str(file))
-    except ValueError as e:
-        found = " ".join(str(e).split())
-        raise InputError("MuJoCo cannot read the model", file=file, found=found, expected="an MJCF model") from e
-    writer = _Writer(model=model, file=file, folder=folder)
-    robot = writer.robot()
+    with mujoco_warnings() as warnings:
+        try:
+            model = mujoco.MjModel.from_xml_path(str(file))
+        except ValueError as e:
+            found = " ".join(str(e).split())
+            raise InputError("MuJoCo cannot read the model", file=file, found=found, expected="an MJCF model") from e
+        writer = _Writer(model=model, file=file, folder=folder)
+        robot = writer.robot()
     target = folder / f"{file.stem}.urdf"
     write_atomic(target, write_xml(robot))
-    return target, writer.left_out
+    return target, [*writer.left_out, *(f"MuJoCo warns: {line}" for line in warnings)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,7 +92,10 @@ def write_readable(file: Path, folder: Path) -> tuple[Path, list[str]]:
     if read_xml(file, "robot", "mujoco").tag == "mujoco":
         with tempfile.TemporaryDirectory() as translated:
             urdf, left_out = _mjcf().write_urdf(file, Path(translated))
-            target, report = write_readable(urdf, folder)
+            try:
+                target, report = write_readable(urdf, folder)
+            except InputError as e:  # about a file that nobody else sees
+                raise InputError(e.message, file=file, key=e.key, found=e.found, expected=e.expected) from e
         return target, left_out + report
     target = folder / file.name
     if target.resolve() == file.resolve():

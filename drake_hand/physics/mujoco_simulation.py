@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_hand.model.hand import Hand
+from drake_hand.model.mujoco_warnings import mujoco_warnings
 from drake_hand.model.object import Object
 from drake_hand.model.table import Table
 from drake_hand.physics.engine import Perturbation, Touch
@@ -98,12 +99,13 @@ class MujocoSimulation:
             RuntimeError: the simulation became unstable.
         """
         until = round((t - self._start) / MUJOCO_STEP_S)
-        for k in range(self._done, until):
-            self.data.ctrl[:] = self._ctrl[min(k, len(self._ctrl) - 1)] + self._dq
-            mujoco.mj_step(self.model, self.data)
+        with mujoco_warnings() as warnings:
+            for k in range(self._done, until):
+                self.data.ctrl[:] = self._ctrl[min(k, len(self._ctrl) - 1)] + self._dq
+                mujoco.mj_step(self.model, self.data)
         self._done = max(until, self._done)
         if self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(self.data.qpos).all():
-            raise RuntimeError("MuJoCo became unstable")
+            raise RuntimeError("; ".join(["MuJoCo became unstable", *warnings]))
 
     def correct(self, dq: np.ndarray) -> None:
         """Adds dq (nq,) to the commands from now on."""

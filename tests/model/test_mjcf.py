@@ -206,3 +206,23 @@ def test_commands_say_how_to_convert_and_what_was_written(written, tmp_path, cap
     assert "drake-hand hand convert claw.xml -o converted/" in capsys.readouterr().err
     assert run(["hand", "convert", str(written[0]), "-o", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["output"] == str(tmp_path / "out" / "claw.urdf")
+
+
+@pytest.mark.parametrize("bad", ['pos="nan 0 0.03"', 'pos="1e40 0 0.03"'])
+def test_what_mujoco_lets_pass_is_said_of_the_file_given_and_no_log_is_left(bad, tmp_path, monkeypatch):
+    """MuJoCo by itself warns of such numbers on stderr and in a file of the present folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("hand.xml").write_text(HAND.replace('pos="0 0 0.03"', bad))
+    with pytest.raises(InputError) as e:
+        write_readable(Path("hand.xml"), Path("out"))
+    assert e.value.file == Path("hand.xml")
+    assert [x.name for x in tmp_path.iterdir()] == ["hand.xml"]
+
+
+def test_warnings_of_mujoco_are_collected(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    Path("hand.xml").write_text(HAND.replace("<worldbody>", '<worldbody><light pos="NaN 0 1"/>'))
+    _, report = write_readable(Path("hand.xml"), Path("out"))
+    assert any(line.startswith("MuJoCo warns: ") for line in report)
+    assert not list(tmp_path.glob("*.TXT"))
+    assert capfd.readouterr().err == ""
