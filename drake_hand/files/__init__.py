@@ -192,12 +192,18 @@ def _require_parent(path: Path) -> None:
 def write_atomic(path: Path, data: bytes | str) -> None:
     """Writes a file whole or not at all (temporary file beside it, then rename).
 
+    A link stays one: the file it leads to is written. What is no file, such as ``/dev/null``, is written to as it is.
+
     Raises:
         InputError: as :func:`require_folder`.
         OSError: it cannot be written.
     """
     require_folder(path)
     payload = data.encode() if isinstance(data, str) else data
+    if path.exists() and not path.is_file():
+        path.write_bytes(payload)
+        return
+    path = path.resolve()
     beside = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         with beside.open("xb") as f:  # opened like any file: the process's umask decides who may read it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,7 @@ def write(exported: MujocoExport, file: Path) -> Path:
     """
     write_atomic(file, exported.xml)
     controls = file.with_suffix(".npz")
-    with controls.open("wb") as out:
-        np.savez_compressed(out, t=exported.t, ctrl=exported.ctrl, free=exported.free, joints=np.array(exported.joints))
+    out = io.BytesIO()
+    np.savez_compressed(out, t=exported.t, ctrl=exported.ctrl, free=exported.free, joints=np.array(exported.joints))
+    write_atomic(controls, out.getvalue())
     return controls

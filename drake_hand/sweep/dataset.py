@@ -46,11 +46,12 @@ def write_dataset(store: Store, ids: list[str], folder: Path) -> list[Path]:
                     files[plan.hand] = folder / f"{plan.hand}.parquet"
                     writers[plan.hand] = pq.ParquetWriter(files[plan.hand].with_suffix(".part"), episode.schema)
                 writers[plan.hand].write_table(episode)
-    finally:
-        for writer in writers.values():
+        for hand, writer in writers.items():
             writer.close()
-    for file in files.values():
-        os.replace(file.with_suffix(".part"), file)
+            os.replace(files[hand].with_suffix(".part"), files[hand])
+    finally:
+        for file in files.values():
+            file.with_suffix(".part").unlink(missing_ok=True)
     return list(files.values())
 
 

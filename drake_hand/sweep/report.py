@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
+from drake_hand.files import write_atomic
 from drake_hand.sweep.spec import Case
 from drake_hand.sweep.work import CaseRow
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def groups(cases: list[Case], rows: dict[str, CaseRow]) -> dict[str, list[CaseRow]]:
@@ -58,7 +64,7 @@ def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
     axes.set_xlabel("cases")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(statuses), frameon=False)
     files = [folder / "status.png"]
-    figure.savefig(files[-1], dpi=130)
+    write_atomic(files[-1], _png(figure))
     times = {k: [r.plan_s for r in rows if r.plan_s is not None] for k, rows in grouped.items()}
     times = {k: v for k, v in times.items() if v}
     if times:
@@ -69,5 +75,11 @@ def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
         axes.set_xscale("log")
         axes.set_xlabel("s to plan")
         files.append(folder / "plan_s.png")
-        figure.savefig(files[-1], dpi=130)
+        write_atomic(files[-1], _png(figure))
     return files
+
+
+def _png(figure: Figure) -> bytes:
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=130)
+    return data.getvalue()

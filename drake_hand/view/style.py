@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
-from drake_hand.files import make_folder
+from drake_hand.files import make_folder, write_atomic
 from drake_hand.plans.plan import Plan
 
 WIDTH_MM = 85.0
@@ -81,8 +81,10 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
     files = [folder / f"{name}.{suffix}" for suffix in formats]
     for file in files:
         dateless = {} if file.suffix == ".png" else {"Date" if file.suffix == ".svg" else "CreationDate": None}
+        data = io.BytesIO()
         with in_print():
-            figure.savefig(file, dpi=_DPI, metadata=dateless)
+            figure.savefig(data, format=file.suffix[1:], dpi=_DPI, metadata=dateless)
+        write_atomic(file, data.getvalue())
     return files
 
 

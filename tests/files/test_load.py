@@ -1,6 +1,7 @@
 """What a file that is not right gets: one message with file, line, key, found and expected, in the writer's words."""
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -209,6 +210,29 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
             write_atomic(file, "two")
     assert file.read_text() == "one"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_what_is_no_file_is_not_replaced_by_one(tmp_path):
+    pipe, told = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: told.append(pipe.read_text()), daemon=True)
+    reader.start()
+    write_atomic(pipe, "one")
+    reader.join(10)
+    assert told == ["one"]
+    assert pipe.is_fifo()
+
+
+def test_the_file_behind_a_link_is_written(tmp_path):
+    file, link, leads_nowhere = tmp_path / "a", tmp_path / "b", tmp_path / "c"
+    file.write_text("one")
+    link.symlink_to(file)
+    leads_nowhere.symlink_to(tmp_path / "d")
+    for each in (link, leads_nowhere):
+        write_atomic(each, "two")
+        assert each.is_symlink()
+    assert (file.read_text(), (tmp_path / "d").read_text()) == ("two", "two")
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_a_folder_that_is_not_there_is_not_made(tmp_path):
