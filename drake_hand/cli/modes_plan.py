@@ -45,7 +45,8 @@ def judge_plan(file: Path, code: str | None, *, json: bool) -> int:
     from drake_hand.verify.certificate import predicates_along
 
     with progress_display(quiet=json) as progress:
-        judgements = predicates_along(plan, progress=lambda done: progress(_Progress(stage="looking", fraction=done)))
+        stage = "evaluating predicates"
+        judgements = predicates_along(plan, progress=lambda done: progress(_Progress(stage=stage, fraction=done)))
     judgements = [j for j in judgements if code is None or code in j.modes]
     holds = all(j.finding.holds for j in judgements)
     predicates = [

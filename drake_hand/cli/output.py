@@ -26,6 +26,19 @@ TRACEBACK = "DRAKE_HAND_TRACEBACK"
 """Environment variable: set, an unexpected exception keeps its traceback."""
 FILE_WIDTH_CHARS = 120
 """Of tables that go to a file or pipe."""
+STAGES = {
+    "start": "rating start poses",
+    "grasp": "looking for grasps",
+    "gait": "looking for a gait that repeats",
+    "search": "searching",
+    "shorten": "leaving out regrasps",
+    "legs": "joining the motion",
+    "forces": "balancing contact forces",
+    "timing": "timing the motion",
+    "certificate": "proving the plan",
+    "physics": "simulating",
+}
+"""Stages of planning in words, while it is at work."""
 
 
 def print_json(answer: dict[str, Any]) -> None:
@@ -117,7 +130,7 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         disable=quiet or not sys.stderr.isatty(),
     )
     with display:
-        bar = display.add_task("starting", total=None, detail="")
+        bar = display.add_task("loading", total=None, detail="")
         shown = ""
 
         def update(record: Any) -> None:
@@ -130,7 +143,7 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
             if stage != shown:  # share and clock are of a stage: what one has done says nothing about the next
                 shown = stage
                 display.remove_task(bar)
-                bar = display.add_task(stage, total=None, detail=detail)
+                bar = display.add_task(STAGES.get(stage, stage), total=None, detail=detail)
             display.update(bar, total=1.0 if fraction else None, completed=fraction, detail=detail)
 
         yield update

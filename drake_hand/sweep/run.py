@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drake_hand.errors import DrakeHandError, InputError
 from drake_hand.physics.runs import cores, undisturbed
@@ -16,7 +16,7 @@ from drake_hand.sweep.store import Store
 from drake_hand.sweep.work import CaseRow, Done, work
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 _CASES_PER_WORKER = 2
 """Cases handed out per worker: one that it works on, and one that waits."""
@@ -104,10 +104,14 @@ def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
         hand_out()
 
 
-async def _kill(nannies: list[Any]) -> None:
+async def _kill(cluster: LocalCluster) -> None:
+    """Ends the workers at once, and leaves none for the cluster to retire, which waits for them."""
+    nannies = list(cluster.workers.values())
+    cluster.worker_spec.clear()
+    cluster.workers.clear()
     for nanny in nannies:
         nanny.auto_restart = False
-    await asyncio.gather(*(nanny.kill(timeout=0.1) for nanny in nannies))
+    await asyncio.gather(*(nanny.close(timeout=0.1) for nanny in nannies))
 
 
 @contextmanager
@@ -138,7 +142,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
                     yield client
                 except KeyboardInterrupt:  # nobody waits for what the workers still do
                     with undisturbed():
-                        cluster.sync(_kill, list(cluster.workers.values()))
+                        cluster.sync(_kill, cluster)
                     raise
             return
         try:

@@ -250,8 +250,8 @@ def test_progress_is_that_of_the_stage(monkeypatch):
             progress(Progress(stage=stage, fraction=fraction))
     assert seen == [
         ("reach", 0.0, None),
-        ("search", 0.5, 1.0),
-        ("search", 0.7, 1.0),
-        ("certificate", 0.0, None),
-        ("certificate", 0.2, 1.0),
+        ("searching", 0.5, 1.0),
+        ("searching", 0.7, 1.0),
+        ("proving the plan", 0.0, None),
+        ("proving the plan", 0.2, 1.0),
     ]

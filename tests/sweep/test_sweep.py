@@ -109,7 +109,9 @@ def test_ctrl_c_ends_workers_and_says_what_is_done(tmp_path):
     assert re.fullmatch(r"drake-hand: interrupted: \d of 4 cases are done; run the sweep again to resume it\n", err)
     time.sleep(0.2)
     assert not alive(workers)
-    assert took < 2.0, f"took {took:.2f} s"  # 0.8 s on a quiet machine; waiting for the workers takes 5
+    # 0.6 s on a quiet machine; letting the cluster retire its workers takes 2 to 4
+    limit = 1.0 if os.getloadavg()[0] <= 1.5 else 2.0
+    assert took < limit, f"took {took:.2f} s"
 
 
 @pytest.fixture

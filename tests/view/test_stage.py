@@ -73,5 +73,5 @@ def test_gaps_are_bridged_by_the_last_good_row():
 
 def test_a_long_recording_is_coarser_and_so_has_room(sample_plan, monkeypatch):
     fine = len(api.show(sample_plan))
-    monkeypatch.setattr(stage, "_POSES", 60)
+    monkeypatch.setattr(stage, "_MOST_POSES", 60)
     assert len(api.show(sample_plan)) < fine - 5000
