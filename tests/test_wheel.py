@@ -64,3 +64,12 @@ def test_links_of_its_page_lead_somewhere(bin_dir):
     assert "docs/physics.md" in (CHECKOUT / "README.md").read_text()
     assert "hardware.md has the full procedure" in page
     assert [link for link in re.findall(r"\]\(([^)]*)\)", page) if not link.startswith(("https:", "#"))] == []
+
+
+def test_its_metadata_says_who_what_and_where(bin_dir):
+    (metadata,) = bin_dir.parent.glob("lib/python*/site-packages/drake_hand-*.dist-info/METADATA")
+    head = metadata.read_text().partition("\n\n")[0]
+    known = {line.partition(": ")[0] for line in head.splitlines()}
+    assert {"Author", "Keywords", "Classifier", "Project-URL", "License-Expression", "Requires-Python"} <= known
+    extras = {line.partition(": ")[2] for line in head.splitlines() if line.startswith("Provides-Extra")}
+    assert {"notebook", "mujoco", "sweep", "docs"} <= extras

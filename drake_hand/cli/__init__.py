@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -67,4 +68,6 @@ def _run(tokens: Sequence[str]) -> int:
 def main() -> None:
     """Entry point of ``drake-hand``."""
     interrupt.heed()
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    gc.freeze()  # half a second in which a process that ends anyway would look for garbage
+    sys.exit(status)
