@@ -1,4 +1,8 @@
-"""Why a search got stuck: what the fingers of the state that got farthest lack, and what would help."""
+"""Why a search got stuck: what the fingers of the state that got farthest lack, and what would help.
+
+Whoever reads the answer can change friction, weight, drives, pose or limits, and has to know which. What a finger lacks
+does not tell: so it is asked again with more friction and more effort whether one of them could be lifted.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Clearances of one hand, finger by finger: from the object, from what stands still and from one another."""
+"""Clearances of one hand, finger by finger: from the object, from what stands still and from one another.
+
+Nothing is asked more often. Most of what is asked is far apart, so a sphere around each group is looked at first, and
+the spheres in it are put in place only where that one is near.
+"""
 
 from __future__ import annotations
 

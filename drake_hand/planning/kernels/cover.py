@@ -1,4 +1,8 @@
-"""A few spheres that cover many triangles: a greedy choice, each time the sphere that adds most."""
+"""A few spheres that cover many triangles: a greedy choice, each time the sphere that adds most.
+
+The fewest spheres are hard to find (it is set cover); the greedy choice is not far from them, and is made once per
+link.
+"""
 
 from __future__ import annotations
 

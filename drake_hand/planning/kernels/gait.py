@@ -1,4 +1,8 @@
-"""Rating of periodic gaits: rows of one base contact per finger, held at the base or at the end of a stroke."""
+"""Rating of periodic gaits: rows of one base contact per finger, held at the base or at the end of a stroke.
+
+What a finger can do alone was worked out before, so a row costs only what fingers have to do with one another: whether
+they stay clear, and whether they hold the object with each of them lifted in turn.
+"""
 
 from __future__ import annotations
 

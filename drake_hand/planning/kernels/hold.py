@@ -1,4 +1,8 @@
-"""Whether contacts hold the object, with all fingers and without each."""
+"""Whether contacts hold the object, with all fingers and without each.
+
+What cannot spare a finger is a dead end, however firmly it holds, so the margins without each of them are always asked
+too.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Holds: contacts of one finger, carried along one path of the object as far as each lasts."""
+"""Holds: contacts of one finger, carried along one path of the object as far as each lasts.
+
+A hold depends on one finger and the object's path alone. Tables of them are made once, and combined into grasps and
+gaits; what fingers do to one another is asked of the combinations.
+"""
 
 from __future__ import annotations
 

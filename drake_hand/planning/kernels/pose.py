@@ -1,4 +1,7 @@
-"""Poses (3, 4) that turn and shift."""
+"""Poses (3, 4) that turn and shift.
+
+Paths of the object are made and followed row by row inside compiled code, where no library of rotations can be called.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Strokes: hands that carry the object along paths of their own, and how far single contacts would roll."""
+"""Strokes: hands that carry the object along paths of their own, and how far single contacts would roll.
+
+Every row has a path of its own, because room is often found a little off the nominal one. Steps are integrated at their
+midpoint and corrected for drift: what adds up over hundreds of them would be a gap or slip to the certificate.
+"""
 
 from __future__ import annotations
 

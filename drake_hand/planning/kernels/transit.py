@@ -1,4 +1,8 @@
-"""Contacts within reach, and the paths of a free finger to them: lift, travel, land."""
+"""Contacts within reach, and the paths of a free finger to them: lift, travel, land.
+
+A contact that no free path leads to is worth nothing: gaits that were found without looking at these paths collided on
+them. Heights of the lift are tried from the lowest, stop-overs only where no straight path is clear.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""`World`, `Load` and `Scratch`: the arrays that kernels work on, and their types for the compiler."""
+"""`World`, `Load` and `Scratch`: the arrays that kernels work on, and their types for the compiler.
+
+Compiled code takes arrays only. What never changes, what depends on the load, and the room to work in are kept apart,
+so that cores share the first two, and nothing is allocated in inner loops.
+"""
 
 from __future__ import annotations
 
