@@ -27,6 +27,9 @@ FIGURES = {
     "paper": ("fig14_frames", "fig12_coordination", "fig13_states"),
     "carry": ("fig14_frames", "object", "forces"),
     "carry_far": ("fig14_frames", "contact_map", "speeds"),
+    "spin_fast": ("fig14_frames", "speeds", "object"),
+    "table_pencil": ("fig14_frames", "object", "forces"),
+    "table_cube": ("fig14_frames", "modes", "object"),
     "twirl": ("fig14_frames", "fig15_path", "joints"),
 }
 HEAD = """# Gallery

@@ -31,6 +31,8 @@ class Course:
     """(k, F) distance of tip and contact point, m; NaN likewise."""
     margin: np.ndarray
     """(k, F) share of the friction cone left; NaN where there is no force."""
+    asked_deg: float
+    """Turn that the task asks for, all its steps together."""
 
     @classmethod
     def of(cls, plan: Plan, hand: Hand, t: np.ndarray) -> Course:
@@ -42,7 +44,8 @@ class Course:
         n_W = (p_WC - p_WP) / np.maximum(reach, 1e-9)[..., None]
         margin = friction_margins(states.f_W, np.nan_to_num(n_W), plan.task.physics.friction)
         gap = reach - [f.radius for f in hand.fingers]
-        return cls(hand=hand, states=states, p_WC=p_WC, p_WP=p_WP, gap=gap, margin=margin)
+        asked = sum(step.rotate.angle_deg for step in plan.task.motion if step.rotate)
+        return cls(hand=hand, states=states, p_WC=p_WC, p_WP=p_WP, gap=gap, margin=margin, asked_deg=asked)
 
     @property
     def effort(self) -> np.ndarray:
@@ -62,22 +65,23 @@ class Course:
             np.isnan(self.margin).all(axis=1), np.nan, np.nanmin(np.nan_to_num(self.margin, nan=2.0), axis=1)
         )
 
+    @property
+    def turn(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far the object has turned about the axis it turns about most, with winding and the sign asked for.
+
+        Returns:
+            (k,) angle in deg, all zero if it does not turn; and (3,) the axis in W.
+        """
+        s = self.states
+        rotation = cumulative_trapezoid(s.V_WO[:, :3], s.t, axis=0, initial=0.0)
+        largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]
+        size = np.linalg.norm(largest)
+        if size < LEAST_TURN_RAD:
+            return np.zeros(len(s.t)), np.array([0.0, 0.0, 1.0])
+        axis = np.copysign(1.0, self.asked_deg) * largest / size
+        return np.degrees(turned_about(s.X_WO[:, :3, :3], axis)), axis
+
 
 def tip_centres(hand: Hand, q: np.ndarray) -> np.ndarray:
     """(k, F, 3) tip centres in W of joints (k, nq)."""
     return np.stack([FingerKinematics.of(hand, f).fk(q[:, f.columns])[0] for f in hand.fingers], axis=1)
-
-
-def object_turn(states: States) -> tuple[np.ndarray, np.ndarray]:
-    """How far the object has turned about the axis it turns about most, with winding.
-
-    Returns:
-        (k,) angle in deg, all zero if it does not turn; and (3,) the axis in W.
-    """
-    rotation = cumulative_trapezoid(states.V_WO[:, :3], states.t, axis=0, initial=0.0)
-    largest = rotation[np.argmax(np.linalg.norm(rotation, axis=1))]
-    size = np.linalg.norm(largest)
-    if size < LEAST_TURN_RAD:
-        return np.zeros(len(states.t)), np.array([0.0, 0.0, 1.0])
-    axis = largest / size
-    return np.degrees(turned_about(states.X_WO[:, :3, :3], axis)), axis

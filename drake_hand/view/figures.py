@@ -16,7 +16,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.tolerances import TOLERANCES
 from drake_hand.view import paper_figures
 from drake_hand.view.colors import SUBMODEL_COLORS, SUBMODEL_NAMES, finger_color
-from drake_hand.view.course import Course, object_turn
+from drake_hand.view.course import Course
 from drake_hand.view.style import FIGURE_FORMATS, column, in_print, legend_below, mark_switches, panels, save, touching
 
 FIGURE_SAMPLES = 2000
@@ -134,12 +134,11 @@ def draw_object(plan: Plan, course: Course) -> Figure:
     """Turn of the object about the axis it turns about, with the angle asked for, and its displacement."""
     s = course.states
     figure, (turn, shift) = panels(62, 2)
-    angle, axis = object_turn(s)
-    asked = sum(step.rotate.angle_deg for step in plan.task.motion if step.rotate)
+    (angle, axis), asked = course.turn, course.asked_deg
     turn.plot(s.t, angle, color="#0072b2")
     if asked:
-        turn.axhline(abs(asked), color="0.3", ls="--", lw=0.6)
-        turn.annotate(f"asked: {abs(asked):g} deg", (0.01 * plan.duration, abs(asked)), va="bottom", fontsize=6.5)
+        turn.axhline(asked, color="0.3", ls="--", lw=0.6)
+        turn.annotate(f"asked: {asked:g} deg", (0.01 * plan.duration, asked), va="bottom", fontsize=6.5)
         turn.margins(y=0.12)
     about = f" about ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) of W" if angle.any() else ""
     turn.set_title(f"turn{about}", loc="left")

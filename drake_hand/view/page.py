@@ -19,7 +19,7 @@ from drake_hand.files import write_atomic
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.words import badge, figure, figure_lines, per_cent, plan_verdict, title
 from drake_hand.view.colors import SUBMODEL_COLORS
-from drake_hand.view.course import Course, object_turn
+from drake_hand.view.course import Course
 
 STRIP_SAMPLES = 400
 
@@ -171,7 +171,7 @@ def plan_strips(course: Course) -> list[Strip]:
     found = []
     if np.isfinite(course.margin).any():
         found.append(strip("friction left", "%", 100 * course.least_margin))
-    turn = object_turn(course.states)[0]
+    turn = course.turn[0]
     if turn.any():
         found.append(strip("turned", "deg", turn))
     return found

@@ -11,7 +11,7 @@ from drake_hand.modes.code import Mode
 from drake_hand.modes.graph import layout
 from drake_hand.plans.plan import Plan
 from drake_hand.view.colors import finger_color
-from drake_hand.view.course import Course, object_turn
+from drake_hand.view.course import Course
 from drake_hand.view.sketch import Sketch
 from drake_hand.view.style import bent_arrow, column, in_print, legend_below, mark_switches, panels, touching
 
@@ -71,12 +71,13 @@ def draw_coordination(plan: Plan, course: Course) -> Figure:
         ax.set_ylim(-0.1, 1.25)
         ax.set_yticks([0, 1], ["free", "active"])
         ax.set_title(plan.fingers[i], loc="left", pad=2)
-    angle, _ = object_turn(s)
+    angle = course.turn[0]
     far = 1e3 * np.linalg.norm(s.X_WO[:, :3, 3] - s.X_WO[0, :3, 3], axis=1)
     axes[-1].plot(s.t, angle if angle.any() else far, color="0.2")
     axes[-1].set_ylabel("object\n[deg]" if angle.any() else "object\n[mm]")
-    axes[-1].set_ylim(bottom=0)
-    if 180 <= angle.max() <= 720:
+    if angle.min(initial=0.0) > -1.0:  # one that turns forward does not sway below the axis
+        axes[-1].set_ylim(bottom=0)
+    if 180 <= np.abs(angle).max() <= 720:
         axes[-1].yaxis.set_major_locator(MultipleLocator(180))
     for ax in axes:
         mark_switches(ax, plan)

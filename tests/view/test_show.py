@@ -20,6 +20,7 @@ from drake_hand import api
 from drake_hand.epos.mirror_view import open_view
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Certificate, Worst
+from drake_hand.plans.task import Rotate, Step
 from drake_hand.plans.words import KINEMATIC, title
 from drake_hand.view import show, stage
 from drake_hand.view.course import Course
@@ -104,6 +105,10 @@ def test_strips_count_turns_with_winding(sample_plan, hand):
     (turn,) = plan_strips(Course.of(msgspec.structs.replace(sample_plan, parts=[spun]), hand, t))
     assert (turn.name, turn.values[0]) == ("turned", 0)
     assert turn.values[-1] == pytest.approx(720, abs=0.5)
+    asked = Step(rotate=Rotate(axis=(0.0, -1.0, 0.0), angle_deg=-720.0))
+    task = msgspec.structs.replace(sample_plan.task, motion=[asked])
+    (turn,) = plan_strips(Course.of(msgspec.structs.replace(sample_plan, task=task, parts=[spun]), hand, t))
+    assert turn.values[-1] == pytest.approx(-720, abs=0.5)
     resting = plan_strips(Course.of(sample_plan, hand, np.linspace(0, 5, 51)))
     assert "turned" not in [s.name for s in resting]
 
