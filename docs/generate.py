@@ -12,6 +12,7 @@ from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+from cyclopts import App
 from mkdocs.structure.files import File
 
 import drake_hand
@@ -135,6 +136,10 @@ def commands_page() -> str:
         command = getattr(import_module(module), attribute)
         told = command_words(command) if inspect.isfunction(command) else summary
         parts.append(f"## drake-hand {name}\n\n{told}\n")
+        if isinstance(command, App):
+            for word in sorted(w for w in command if not w.startswith("-")):
+                below = command_words(command[word].default_command)
+                parts.append(f"### drake-hand {name} {word}\n\n{below}\n")
     return "\n".join(parts)
 
 

@@ -71,6 +71,8 @@ def test_commands_are_told_with_their_options_as_typed(site):
     page = (site / "reference" / "commands" / "index.html").read_text()
     for typed in ("TASK", "--output -o", "--time-limit", "--all", "--host"):
         assert f"<li><code>{typed}</code>: " in page
+    for below in ("hand check", "hand init", "drives zero", "drives off"):
+        assert f"drake-hand {below}<" in page
 
 
 def test_pages_ask_no_network_for_fonts(site):

@@ -133,16 +133,19 @@ def draw_speeds(plan: Plan, course: Course) -> Figure:
 def draw_object(plan: Plan, course: Course) -> Figure:
     """Turn of the object about the axis it turns about, with the angle asked for, and its displacement."""
     s = course.states
-    figure, (turn, shift) = panels(62, 2)
     (angle, axis), asked = course.turn, course.asked_deg
-    turn.plot(s.t, angle, color="#0072b2")
+    turns = bool(asked or angle.any())
+    figure, axes = panels(62 if turns else 38, 2 if turns else 1)
+    shift = axes[-1]
+    if turns:
+        turn = axes[0]
+        turn.plot(s.t, angle, color="#0072b2")
+        turn.set_title(f"turn about ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) of W", loc="left")
+        turn.set_ylabel("[deg]")
     if asked:
         turn.axhline(asked, color="0.3", ls="--", lw=0.6)
         turn.annotate(f"asked: {asked:g} deg", (0.01 * plan.duration, asked), va="bottom", fontsize=6.5)
         turn.margins(y=0.12)
-    about = f" about ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) of W" if angle.any() else ""
-    turn.set_title(f"turn{about}", loc="left")
-    turn.set_ylabel("[deg]")
     position = 1e3 * (s.X_WO[:, :3, 3] - s.X_WO[0, :3, 3])
     for i, (name, style) in enumerate(zip("xyz", _STYLES, strict=False)):
         shift.plot(s.t, position[:, i], style, color=f"C{i}", label=f"{name} of W")
@@ -150,7 +153,7 @@ def draw_object(plan: Plan, course: Course) -> Figure:
     shift.set_ylabel("[mm]")
     low, high = shift.get_ylim()
     shift.set_ylim(min(low, -1.0), max(high, 1.0))
-    for ax in (turn, shift):
+    for ax in axes:
         mark_switches(ax, plan)
     legend_below(figure, shift)
     return figure
