@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import logging
 import os
 import shutil
 import stat
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 
 PACKAGE = Path(__file__).parent
 
@@ -49,11 +51,29 @@ def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable],
             index._version = f"{numba.__version__} {_sources()[1]}"
             _copy_ready(kernel)
         if signature is not None:
-            kernel.compile(signature)
+            with event.install_listener("numba:compile", _Told()):
+                kernel.compile(signature)
             kernel.disable_compile()
         return kernel
 
     return compile_
+
+
+class _Told(event.Listener):
+    """Says, the first time that there is no code yet, why nothing else happens for minutes."""
+
+    def on_start(self, event: Any) -> None:
+        _say()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+@cache
+def _say() -> None:
+    logging.getLogger(__name__).warning(
+        "compiling kernels, once on this machine: some minutes (python -m drake_hand.compiled does it beforehand)"
+    )
 
 
 def prepare() -> list[str]:
@@ -125,5 +145,6 @@ def _copy_ready(kernel: Any) -> None:
 
 
 if __name__ == "__main__":
+    logging.disable()
     for name in prepare():
         print(f"compiled {name}")
