@@ -119,17 +119,13 @@ def test_commands_shown_are_understood(command):
 
 
 ELSEWHERE = {
-    "execute": "cli/test_drives_commands.py",
-    "drives scan": "cli/test_drives_commands.py",
-    "drives status": "cli/test_drives_commands.py",
-    "drives off": "cli/test_drives_commands.py",
-    "drives home": "cli/test_way_back.py",
-    "drives goto": "cli/test_way_back.py",
-    "drives zero": "epos/test_morning.py",
-    "mirror": "epos/test_mirror.py",
+    "execute carry": "epos/morning_commands.py",
+    "execute": "test_docs_on_drives.py",
+    **{f"drives {word}": "test_docs_on_drives.py" for word in ("scan", "status", "off", "home", "goto", "zero")},
+    "mirror": "test_docs_on_drives.py",
     "sweep": "sweep/test_sweep.py",
-    "plot my.run.npz": "test_notebooks.py",
-    "plot today.run.npz": "test_notebooks.py",
+    "plot my.run.npz": "test_docs_on_drives.py",
+    "plot today.run.npz": "test_docs_on_drives.py",
 }
 """Commands shown that need drives or a file of their own: by which tests they are run."""
 ELSEWHERE_ONLY = {
@@ -150,8 +146,8 @@ MADE_BY = {
 
 def test_commands_run_elsewhere_are_named_there():
     for command, file in ELSEWHERE.items():
-        word = command.split()[1 if command.startswith("drives") else 0]
-        assert word.removesuffix("npz") in (ROOT / "tests" / file).read_text() + "plot", command
+        if file != "test_docs_on_drives.py":  # which takes them from the pages
+            assert command.split()[0] in (ROOT / "tests" / file).read_text(), command
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 
 from drake_hand import api
 from drake_hand.cli.verdict import print_plan
@@ -269,3 +270,26 @@ def test_the_mirror_shows_both_hands_and_every_joint(browser, hand):
         tab.wait_for_timeout(500)
         left = picture(tab)[:, :600]
         assert ((left[..., 0] > 1.5 * left[..., 1]) & (left[..., 0] > 90)).mean() > 0.005, "links off by 10 deg are red"
+
+
+def test_the_twin_is_a_third_hand_with_the_object(browser, hand):
+    """What `execute --twin` shows: the simulated hand where physics has it, beside the measured one."""
+    joints, box = Drives.load().joints, trimesh.creation.box((0.03, 0.03, 0.03))
+    with open_view(hand.urdf.file, joints) as view, opened(browser, view.url) as tab:
+        view.add_object(np.asarray(box.vertices), np.asarray(box.faces))
+        view.add_twin()
+        measured, X_WO = np.zeros(len(joints)), np.eye(4)
+        X_WO[:3, 3] = [0.06, 0.0, 0.1]
+        pose = HandPose(t=0.0, commanded=measured, measured=measured)
+        view.show(pose, X_WO, "part 2 of 7; twin: the same", measured + math.radians(15))
+        tab.wait_for_function("document.querySelector('#words').textContent.endsWith('twin: the same')")
+        hands = next(frame for frame in tab.frames if frame.parent_frame)
+        place = (
+            "viewer.scene_tree.find(['meshcat', 'hands', '{}', 'index_distal']).object.matrix.elements.slice(12, 15)"
+        )
+        hands.wait_for_function(
+            "viewer.scene_tree.find(['meshcat', 'hands', 'twin', 'index_distal']).object.children.length > 0"
+        )
+        shown = {who: np.array(hands.evaluate(place.format(who))) for who in ("measured", "twin")}
+        assert np.linalg.norm(shown["twin"] - shown["measured"]) > 0.005
+        hands.wait_for_function("viewer.scene_tree.find(['meshcat', 'hands', 'object']).object.children.length > 0")
