@@ -213,6 +213,11 @@ class Task(_Strict, frozen=True, kw_only=True):
         gravity = np.array(self.physics.gravity, dtype=float)
         return Table(up_W=-gravity / np.linalg.norm(gravity), height=self.support.plane_mm * 1e-3)
 
+    def _repr_html_(self) -> str:
+        from drake_hand.plans.words import task_card
+
+        return task_card(self)
+
     def _lengths(self) -> Iterator[tuple[str, tuple[float, ...], float]]:
         """Key, position or displacement in mm, and the length below which it must be meant in metres."""
         if isinstance(self.start, Pose):

@@ -1,16 +1,18 @@
-"""A certificate in plain words: the verdict, and how near each figure is to its limit. For terminal, page, notebook."""
+"""Tasks, plans and certificates in plain words: verdict, and how near each figure is to its limit; for every view."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.html import html_table
 from drake_hand.plans.plan import Certificate, Plan, Worst
-from drake_hand.plans.task import Step
+from drake_hand.plans.task import Step, Task
 
 KINEMATIC = "no forces planned"
 
@@ -163,6 +165,42 @@ def certificate_card(certificate: Certificate) -> str:
     """A certificate as it shows itself in a notebook cell: the verdict and every figure."""
     rows = [(x.words, x.value, x.limit, x.margin, x.where, "" if x.ok else "FAILS") for x in figure_lines(certificate)]
     return html_table(verdict(certificate), ["", "worst", "limit", "margin", "where", ""], rows)
+
+
+def task_card(task: Task) -> str:
+    """A task as it shows itself in a notebook cell: what differs from the defaults, as in its file."""
+    given = _given(task)
+    motion = [(f"motion {i}", step) for i, step in enumerate(given.pop("motion"), start=1)]
+    told = [*((k, v) for k, v in given.items() if k not in ("physics", "options")), *motion]
+    told += [(k, given[k]) for k in ("physics", "options") if k in given]
+    return html_table(
+        f"{short_name(task.object)} in {short_name(task.hand)}", ["", ""], [(k, _flow(v)) for k, v in told]
+    )
+
+
+def _given(part: msgspec.Struct) -> dict[str, Any]:
+    """The keys of a part of a task whose values are not the defaults, as in its file."""
+    found = {}
+    for field in msgspec.structs.fields(part):
+        value, made = getattr(part, field.name), field.default_factory
+        if field.required or value != (field.default if made is msgspec.NODEFAULT else made()):
+            found[field.name] = _plain(value)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, msgspec.Struct):
+        return _given(value)
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_flow(v) for v in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def title(plan: Plan) -> str:

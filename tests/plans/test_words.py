@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from drake_hand.plans.plan import Certificate, Worst
+from drake_hand.plans.task import Task
 from drake_hand.plans.words import KINEMATIC, figure, figure_lines, mode_strip, per_cent, plan_verdict, verdict
 
 
@@ -88,6 +89,14 @@ def test_a_plan_shows_itself_and_is_short(sample_plan):
     assert "&lt;b&gt;" in html
     assert "thumb ....." in html
     assert len(html) < 5000
+
+
+def test_a_task_shows_what_was_written():
+    shown = Task.load("carry")._repr_html_()
+    for told in ("{translate: {by_mm: [10, 0, 0]}}", "{xyz_mm: [53, -2, 119], rpy_deg: [107, 0, -13]}", "{grasp: {}}"):
+        assert told in shown
+    assert "None" not in shown
+    assert "time_limit_s" not in shown
 
 
 def test_a_plan_is_asked_at_times(sample_plan, hand):
