@@ -15,7 +15,7 @@ import numpy as np
 from drake_hand.planning.kernels import gait as kernels
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.reach import ContactSpan, ReachTable
 from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import switch_to
@@ -39,7 +39,7 @@ AMPLE_MARGIN_N = 0.3
 class Gait:
     """One period: base contacts, stroke in ticks, order of the steps (slots) and the least margin in it."""
 
-    holds: tuple[Hold, ...]
+    spans: tuple[ContactSpan, ...]
     stroke: int
     order: tuple[int, ...]
     margin: float
@@ -74,7 +74,7 @@ def find(
         return []
     found: list[Gait] = []
     for stroke in (s for s in strokes if s <= reach.path.ticks):
-        pools = [_sample([h for h in reach.holds(f, 0) if len(h.q) > stroke], rng) for f in fingers]
+        pools = [_sample([h for h in reach.spans(f, 0) if len(h.q) > stroke], rng) for f in fingers]
         if not all(pools):
             continue
         rated = _Rating(reach, fingers, load, pools, stroke).best(rng, starts)
@@ -84,8 +84,8 @@ def find(
     return sorted(found, key=lambda g: -min(g.margin, enough) - 1e-3 * g.stroke * (g.margin >= enough))
 
 
-def _sample(holds: list[Hold], rng: np.random.Generator) -> list[Hold]:
-    return [holds[j] for j in rng.permutation(len(holds))[:BASE_CONTACTS]]
+def _sample(spans: list[ContactSpan], rng: np.random.Generator) -> list[ContactSpan]:
+    return [spans[j] for j in rng.permutation(len(spans))[:BASE_CONTACTS]]
 
 
 def propose(
@@ -113,7 +113,7 @@ def propose(
 
 def _root(gait: Gait, moves: Moves, q: np.ndarray) -> Node:
     q, touching = q.copy(), np.zeros(len(q), dtype=bool)
-    for h in gait.holds:
+    for h in gait.spans:
         q[h.finger, : h.q.shape[1]], touching[h.finger] = h.q[0], True
     X = np.ascontiguousarray(moves.path.X_WO[0, :3])
     root = Node(s=0.0, off=np.zeros(6), X=X, q=q, touching=touching)
@@ -124,19 +124,19 @@ def _root(gait: Gait, moves: Moves, q: np.ndarray) -> Node:
 def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Node | None:
     """The gait as states from tick 0 to the end of the path; None where a transit or an advance is blocked."""
     goal, state = moves.path.ticks, _root(gait, moves, q)
-    births = [0] * len(gait.holds)
+    births = [0] * len(gait.spans)
     steps: dict[int, FingerSwitch] = {}
     while True:
         start = round(state.s)
         end = min(start + gait.stroke, goal)
-        lasting = all(b + len(h.q) - 1 >= goal for b, h in zip(births, gait.holds, strict=True))
+        lasting = all(b + len(h.q) - 1 >= goal for b, h in zip(births, gait.spans, strict=True))
         if lasting and carried(moves, state, float(goal), state.off) is not None:
             end = goal
         elif not steps and carried(moves, state, float(end), state.off) is None:
             return None
         ticks = np.arange(start, end + 1)
         posture = np.repeat(state.q[None], len(ticks), axis=0)
-        for b, h in zip(births, gait.holds, strict=True):
+        for b, h in zip(births, gait.spans, strict=True):
             posture[:, h.finger, : h.q.shape[1]] = h.q[ticks - b]
         X = np.ascontiguousarray(moves.path.X_WO[ticks, :3])
         move = Stroke(X=X, q=posture)
@@ -147,7 +147,7 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Nod
         if end == goal:
             return state
         for slot in gait.order:
-            h, q_next = gait.holds[slot], state.q.copy()
+            h, q_next = gait.spans[slot], state.q.copy()
             q_next[h.finger, : h.q.shape[1]] = h.q[0]
             after = Node(
                 s=state.s, off=state.off, X=state.X, q=q_next, touching=state.touching, regrasps=state.regrasps + 1,
@@ -165,7 +165,9 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Nod
 class _Rating:
     """Rates gaits of one stroke over fixed pools of base contacts."""
 
-    def __init__(self, reach: ReachTable, fingers: list[int], load: Load, pools: list[list[Hold]], stroke: int) -> None:
+    def __init__(
+        self, reach: ReachTable, fingers: list[int], load: Load, pools: list[list[ContactSpan]], stroke: int
+    ) -> None:
         self.reach, self.load, self.pools, self.stroke = reach, load, pools, stroke
         self.fingers = np.array(fingers)
         S, most, m = len(pools), max(len(pool) for pool in pools), reach.world.chains.lower.shape[1]
@@ -192,7 +194,7 @@ class _Rating:
         best = dict(self._climb(sample[x], rating[x], sizes) for x in first)
         return [
             Gait(
-                holds=tuple(pool[j] for pool, j in zip(self.pools, row, strict=True)),
+                spans=tuple(pool[j] for pool, j in zip(self.pools, row, strict=True)),
                 stroke=self.stroke,
                 order=self._order(np.array(row)),
                 margin=margin,

@@ -21,7 +21,7 @@ from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import ROOM_STEP_TICKS, Moves
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.reach import Hold
+from drake_hand.planning.reach import ContactSpan
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import split
 
@@ -45,7 +45,7 @@ ROOT_GRASPS = 60
 """Of those, how many a search starts from."""
 
 
-def together(hand: Hand, grasps: list[list[Hold]], p_WCom: np.ndarray) -> ContactSets:
+def together(hand: Hand, grasps: list[list[ContactSpan]], p_WCom: np.ndarray) -> ContactSets:
     """The contacts of some grasps, at the start of each hold, around one mass centre p_WCom (3,)."""
     sets = ContactSets.none(hand, np.repeat(p_WCom[None], len(grasps), axis=0))
     for row, holds in enumerate(grasps):

@@ -1,4 +1,4 @@
-"""Reach tables: which contacts each finger can make at a tick, and how far it can hold each of them.
+"""Reach tables: which contacts each finger can make at a tick, and how far each of them lasts.
 
 Given the object's pose, every finger is its own little robot (the paper's key idea), so this is computed finger
 by finger, in one batch over a grid of contacts on the surface.
@@ -19,12 +19,12 @@ from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.transit import LIFTS_M
 from drake_hand.planning.world import seeds, split, world
 
-HOLD_SPACING_M, MOST_HOLDS = 5.0e-3, 800
+SPAN_SPACING_M, MOST_SPANS = 5.0e-3, 800
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hold:
+class ContactSpan:
     """A contact of one finger from the tick it is made on; row a of the arrays belongs to tick ``birth + a``."""
 
     finger: int
@@ -44,12 +44,12 @@ class Hold:
 
     @property
     def end(self) -> int:
-        """Last tick it can be held."""
+        """The last tick it lasts to."""
         return self.birth + len(self.q) - 1
 
 
 class ReachTable:
-    """Holds by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
+    """Spans of contacts by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
 
     def __init__(
         self, clearance: Clearance, path: ObjectPath, model: Model, parked: dict[int, np.ndarray] | None = None
@@ -74,11 +74,11 @@ class ReachTable:
             self.symmetric = clearance.surface.symmetric_about(
                 X[:3, :3].T @ path.axis_W, X[:3, :3].T @ (path.point_W - X[:3, 3])
             )
-        many = len(clearance.surface.sample(HOLD_SPACING_M)[0])
+        many = len(clearance.surface.sample(SPAN_SPACING_M)[0])
         self._points, self._normals = clearance.surface.sample(
-            HOLD_SPACING_M * max(1.0, float(np.sqrt(many / MOST_HOLDS)))
+            SPAN_SPACING_M * max(1.0, float(np.sqrt(many / MOST_SPANS)))
         )
-        self._holds: dict[tuple[int, int], list[Hold]] = {}
+        self._spans: dict[tuple[int, int], list[ContactSpan]] = {}
         self.limits: dict[tuple[int, int], dict[str, int]] = {}
         """Why contacts of (finger, tick) ended or were not to be had: counts by word, for messages."""
 
@@ -92,25 +92,25 @@ class ReachTable:
         X = self.path.X_WO[ticks]
         return X[:, :3, :3] @ self.clearance.p_OCom + X[:, :3, 3]
 
-    def holds(self, finger: int, tick: int) -> list[Hold]:
+    def spans(self, finger: int, tick: int) -> list[ContactSpan]:
         """Contacts the finger can make at a tick, the longest-lasting first."""
         source = 0 if self.symmetric else tick
-        if (finger, source) not in self._holds:
-            self._holds[finger, source] = self._compute(finger, source)
-        table = self._holds[finger, source]
+        if (finger, source) not in self._spans:
+            self._spans[finger, source] = self._compute(finger, source)
+        table = self._spans[finger, source]
         return table if source == tick else [replace(h, birth=tick) for h in table]
 
     def longest(self, finger: int) -> int:
         """For how many poses the finger can hold its best contact of tick 0; 0 where it has none."""
-        return max((len(h.q) for h in self.holds(finger, 0)), default=0)
+        return max((len(h.q) for h in self.spans(finger, 0)), default=0)
 
-    def from_contact(self, finger: int, tick: int, q: np.ndarray) -> Hold | None:
+    def from_contact(self, finger: int, tick: int, q: np.ndarray) -> ContactSpan | None:
         """The hold that begins with the tip touching at q (m,), or None where it does not last one tick."""
         q = np.pad(q, (0, self._waiting.shape[1] - len(q)))[None]
         found, _ = self._lasting(finger, tick, q, np.zeros((1, 3)), height=0.0, first=-1 - tick)
         return found[0] if found else None
 
-    def _compute(self, finger: int, tick: int) -> list[Hold]:
+    def _compute(self, finger: int, tick: int) -> list[ContactSpan]:
         w, X, r = self.world, np.ascontiguousarray(self.path.X_WO[tick, :3]), self.world.chains.radius[finger]
         N, m = len(self._points), self._waiting.shape[1]
         q, p_WP, n_W, able = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=bool)
@@ -127,7 +127,7 @@ class ReachTable:
 
     def _lasting(
         self, finger: int, tick: int, q0: np.ndarray, n0: np.ndarray, *, height: float, first: int = 0
-    ) -> tuple[list[Hold], list[str]]:
+    ) -> tuple[list[ContactSpan], list[str]]:
         """Which contacts (N, m) last at all, and what ends each; `first` numbers the tables."""
         X = np.ascontiguousarray(self.path.X_WO[tick:, :3])
         N, K, m = len(q0), len(X), q0.shape[1]
@@ -141,7 +141,7 @@ class ReachTable:
         split(run, N)
         words, mine = [END_WORDS[x] for x in why], len(self.clearance.kinematics[finger].lower)
         found = [
-            Hold(
+            ContactSpan(
                 finger=finger,
                 birth=tick,
                 table=first + j,

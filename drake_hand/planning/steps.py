@@ -19,7 +19,7 @@ from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import ObjectPath, still
 from drake_hand.planning.on_table import check_release
 from drake_hand.planning.park import park
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.reach import ContactSpan, ReachTable
 from drake_hand.planning.slide import SLIDE_STEP_M
 from drake_hand.planning.slide import holds as slide_holds
 from drake_hand.planning.transit import Surroundings
@@ -34,7 +34,7 @@ _CONTACT_M = 1e-5
 """How far from its contact a tip may end up, m."""
 
 
-def current_holds(builder: LegBuilder, table: ReachTable) -> list[Hold]:
+def current_spans(builder: LegBuilder, table: ReachTable) -> list[ContactSpan]:
     """The contacts there are, carried along the table's path.
 
     Raises:
@@ -81,7 +81,7 @@ def start_inside(builder: LegBuilder, clearance: Clearance, joints_deg: dict[str
         raise InputError("no fingertip touches the object", key="start.joints_deg", found=found, expected=expected)
     builder.q = q
     # Tips that touch to within rounding are put exactly onto the surface.
-    for hold in current_holds(builder, ReachTable(clearance, still(builder.X_WO), model)):
+    for hold in current_spans(builder, ReachTable(clearance, still(builder.X_WO), model)):
         builder.q[hand.fingers[hold.finger].columns] = hold.q[0]
     builder.dwell()  # in which the grasp's forces rise
 
@@ -103,7 +103,7 @@ def slide(
     if finger not in builder.touching:
         fail("is to slide, but does not touch the object", "contact")
     table = ReachTable(clearance, still(X), model)
-    holds = current_holds(builder, table)
+    holds = current_spans(builder, table)
     contacts = together(hand, [holds], table.p_WCom(np.zeros(1, dtype=int))[0])
     kin, columns = clearance.kinematics[finger], hand.fingers[finger].columns
     u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP_M)) + 1))[:, None]
@@ -143,7 +143,7 @@ def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Mod
     settle(builder, clearance, park(clearance, path, others, builder.q))
     waiting = {i: builder.q[hand.fingers[i].columns] for i in others}
     table = ReachTable(clearance, path, model, waiting)
-    lasting = [h for h in table.holds(finger, 0) if h.end == path.ticks]
+    lasting = [h for h in table.spans(finger, 0) if h.end == path.ticks]
     if not lasting:
         word = table.most_common_limit(finger, 0)
         fail(f"reaches no contact that it could keep along the push ({word})", word)

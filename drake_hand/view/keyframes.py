@@ -38,7 +38,7 @@ def row_changes(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.r_[True, np.any(values[1:] != values[:-1], axis=tuple(range(1, values.ndim)))])
 
 
-def hold(rows: np.ndarray, good: np.ndarray) -> np.ndarray:
+def last_good(rows: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Rows with the bad ones replaced by the last good one before (or the first good one)."""
     last = np.maximum.accumulate(np.where(good, np.arange(len(rows)), -1))
     return rows[np.where(last < 0, np.argmax(good), last)]

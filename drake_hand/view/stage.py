@@ -28,7 +28,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import Table
 from drake_hand.plans.trajectory import quaternions
 from drake_hand.view.colors import finger_color, rgb
-from drake_hand.view.keyframes import hold, needed, row_changes
+from drake_hand.view.keyframes import last_good, needed, row_changes
 
 MOST_FRAMES = 12000
 """Most frames of a recording, however long."""
@@ -255,7 +255,7 @@ class Stage:
         if not touching.any():
             return
         X = np.tile(np.eye(4), (len(p_O), 1, 1))
-        X[:, :3, 3] = hold(p_O, touching)
+        X[:, :3, 3] = last_good(p_O, touching)
         self.mark(f"object/contacts/{name}/rim", Sphere(0.016 * self.size), "#111827")
         self.mark(f"object/contacts/{name}/dot", Sphere(0.011 * self.size), color)
         self._meshcat.SetProperty(f"{_ROOT}/object/contacts/{name}/dot/<object>", "renderOrder", 2.0)
@@ -265,7 +265,7 @@ class Stage:
         pushing = touching & (size > 1e-4)
         if not pushing.any():
             return
-        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in hold(f_O, pushing)]
+        X[:, :3, :3] = [RotationMatrix.MakeFromOneVector(f, 2).matrix() for f in last_good(f_O, pushing)]
         self.arrow(f"object/forces/{name}", color)
         self._move(f"object/forces/{name}", X, coarse=4.0)
         longest = _LONGEST_ARROW_RATIO * _ARROW_SHARE * self.size

@@ -18,7 +18,7 @@ from drake_hand.planning.kernels.world import World
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.problem import Problem
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.reach import ContactSpan, ReachTable
 from drake_hand.planning.state import by_finger
 from drake_hand.planning.world import Grid, load_on_hand, world
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
@@ -128,7 +128,7 @@ def equilibrium(hand: str, object_: str, **changes) -> Equilibrium:
     return Equilibrium(Hand.load(hand), **values)
 
 
-def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold:
+def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> ContactSpan:
     """The hold of finger i that begins with its tip at the surface point nearest to p_OP, m.
 
     Raises:
@@ -143,7 +143,7 @@ def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Hold
     return hold
 
 
-def touch(reach: ReachTable, hold: Hold) -> approach.PlannedContact:
+def touch(reach: ReachTable, hold: ContactSpan) -> approach.PlannedContact:
     """Where a hold begins, as closing the hand asks for it."""
     X = reach.path.X_WO[hold.birth]
     return approach.PlannedContact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))

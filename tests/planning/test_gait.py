@@ -34,7 +34,7 @@ def gaits(reach):
 def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
     """What holds the object with every finger at an age of its base, one perhaps lifted."""
     sets = ContactSets.none(reach.clearance.hand, reach.p_WCom(np.array([0])))
-    for slot, (h, age) in enumerate(zip(one.holds, ages, strict=True)):
+    for slot, (h, age) in enumerate(zip(one.spans, ages, strict=True)):
         if slot != lifted:
             sets.put(h.finger, h.p_WP[age], h.n_W[age], h.J_WP[age])
     return float(equilibrium("quartet", "cylinder").margins(sets)[0])
@@ -59,10 +59,10 @@ def test_bases_last_the_stroke_and_are_clear_of_one_another(reach, gaits):
 
     for one in gaits:
         assert one.stroke == STROKE
-        assert all(len(h.q) > one.stroke for h in one.holds)
+        assert all(len(h.q) > one.stroke for h in one.spans)
         for a in range(4):
             for b in range(a):
-                x, y = one.holds[a], one.holds[b]
+                x, y = one.spans[a], one.spans[b]
                 for i, j in ((0, 0), (STROKE, STROKE), (0, STROKE), (STROKE, 0)):
                     gap = reach.clearance.between(x.finger, centres(x, i), y.finger, centres(y, j))
                     assert gap[0] >= CLEARANCE_M

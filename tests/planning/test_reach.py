@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_hand.planning.collision import CLEARANCE_M
-from drake_hand.planning.reach import Hold, ReachTable
+from drake_hand.planning.reach import ContactSpan, ReachTable
 from drake_hand.plans.task import Rotate, Step
 from tests.planning.small import clearance, move, path, table, turn
 
@@ -22,7 +22,7 @@ def reach(request) -> ReachTable:
     return table(*request.param)
 
 
-def in_object(reach: ReachTable, hold: Hold) -> np.ndarray:
+def in_object(reach: ReachTable, hold: ContactSpan) -> np.ndarray:
     """(L, 3) contact points of a hold in O."""
     X = reach.path.X_WO[hold.birth : hold.birth + len(hold.q)]
     return np.einsum("kji,kj->ki", X[:, :3, :3], hold.p_WP - X[:, :3, 3])
@@ -30,7 +30,7 @@ def in_object(reach: ReachTable, hold: Hold) -> np.ndarray:
 
 def test_contacts_touch_the_surface_all_along(reach):
     for i, kin in enumerate(reach.clearance.kinematics):
-        holds = reach.holds(i, 0)
+        holds = reach.spans(i, 0)
         assert holds
         p_O = np.concatenate([in_object(reach, h) for h in holds])
         _, n_O, distance = reach.clearance.surface.closest(p_O)
@@ -44,14 +44,14 @@ def test_contacts_touch_the_surface_all_along(reach):
 
 def test_contacts_end_before_the_joints_do(reach):
     for i, finger in enumerate(reach.clearance.hand.fingers):
-        q = np.concatenate([h.q for h in reach.holds(i, 0)])
+        q = np.concatenate([h.q for h in reach.spans(i, 0)])
         assert (q > reach.clearance.hand.q_lower[finger.columns]).all()
         assert (q < reach.clearance.hand.q_upper[finger.columns]).all()
 
 
 def test_the_longest_come_first_and_end_for_a_reason(reach):
     for i in range(len(reach.clearance.hand.fingers)):
-        holds = reach.holds(i, 0)
+        holds = reach.spans(i, 0)
         lengths = [len(h.q) for h in holds]
         assert lengths == sorted(lengths, reverse=True)
         assert reach.longest(i) == lengths[0]
@@ -64,7 +64,7 @@ def test_phalanges_stay_clear_of_object_and_palm(reach):
     c = reach.clearance
     for i in range(len(c.hand.fingers)):
         for tick in (0, reach.path.ticks // 2, reach.path.ticks):
-            centres = c.centres(i, np.array([h.q[tick] for h in reach.holds(i, 0) if h.end >= tick]))
+            centres = c.centres(i, np.array([h.q[tick] for h in reach.spans(i, 0) if h.end >= tick]))
             assert c.to_object(i, centres, reach.path.X_WO[tick], tip=False).min() >= CLEARANCE_M
             assert c.to_palm(i, centres).min() >= CLEARANCE_M
 
@@ -72,7 +72,7 @@ def test_phalanges_stay_clear_of_object_and_palm(reach):
 def test_material_points_move_as_their_jacobians_say():
     reach = table("quartet", "cylinder", turn(20.0))
     kin = reach.clearance.kinematics[0]
-    for h in reach.holds(0, 0)[::7]:
+    for h in reach.spans(0, 0)[::7]:
         q, p = h.q[0], h.p_WP[0]
         C, R = kin.fk(q[None])
         dq = 1e-6 * np.array([0.3, -0.5, 0.8])
@@ -81,7 +81,7 @@ def test_material_points_move_as_their_jacobians_say():
         np.testing.assert_allclose(h.J_WP[0] @ dq, moved - p, atol=1e-10)
 
 
-def on_face(reach: ReachTable, i: int, x: float, z: float) -> Hold | None:
+def on_face(reach: ReachTable, i: int, x: float, z: float) -> ContactSpan | None:
     """The hold of finger i of the quartet at (x, z) of the cube's face before it."""
     kin = reach.clearance.kinematics[i]
     side = np.array([0.0, np.sign(kin.finger.axes[0].X_PJ[1, 3]), 0.0])
@@ -112,11 +112,11 @@ def test_a_turning_cylinder_has_one_table_for_all_ticks_a_moving_one_has_not():
     assert turning.symmetric
     assert not moving.symmetric
     assert not table("quartet", "cube", turn(2.5)).symmetric
-    first, later = turning.holds(0, 0), turning.holds(0, 4)
+    first, later = turning.spans(0, 0), turning.spans(0, 4)
     assert [h.birth for h in later] == [4] * len(first)
     for a, b in zip(first, later, strict=True):
         assert (a.table, a.q.tobytes()) == (b.table, b.q.tobytes())
-    for h in moving.holds(0, 3):
+    for h in moving.spans(0, 3):
         assert h.birth == 3
         distance = moving.clearance.surface.closest(h.p_WP[:1] - moving.path.X_WO[3, :3, 3])[2]
         assert abs(distance[0]) < 1e-6
@@ -124,11 +124,11 @@ def test_a_turning_cylinder_has_one_table_for_all_ticks_a_moving_one_has_not():
 
 def test_what_a_finger_cannot_do_is_counted_by_reason():
     far = ReachTable(clearance("trio", "sphere"), away(path("trio", turn(2.5)), 0.5), "rolling")
-    assert far.holds(0, 0) == []
+    assert far.spans(0, 0) == []
     assert far.longest(0) == 0
     assert far.most_common_limit(0, 0) == "out of reach"
     near = table("trio", "sphere", turn(2.5))
-    near.holds(0, 0)
+    near.spans(0, 0)
     tried = sum(near.limits[0, 0].values())
     assert tried == sum(far.limits[0, 0].values()), "every contact of the grid is accounted for"
 
@@ -143,12 +143,12 @@ def test_holds_keep_clear_of_fingers_that_wait():
     """The left finger waits at a thin pencil, where the others would like to be."""
     c, along = clearance("trio", "pencil_r8"), path("trio", turn(5.0))
     alone = ReachTable(c, along, "rolling")
-    waiting = alone.holds(0, 0)[0].q[0]
+    waiting = alone.spans(0, 0)[0].q[0]
     beside = ReachTable(c, along, "rolling", {0: waiting})
     placed = c.centres(0, waiting[None])
 
     def least_gap(reach: ReachTable) -> float:
-        return min(c.between(1, c.centres(1, h.q), 0, placed).min() for h in reach.holds(1, 0))
+        return min(c.between(1, c.centres(1, h.q), 0, placed).min() for h in reach.spans(1, 0))
 
     assert least_gap(alone) < CLEARANCE_M, "alone, some would touch it"
     assert least_gap(beside) >= CLEARANCE_M

@@ -42,7 +42,7 @@ def test_a_finger_that_can_only_pull_or_rub_does_not_push():
     for by in ((-6.0, 0.0, 0.0), (0.0, 6.0, 0.0)):
         along = path("trio", move(*by))
         reach = ReachTable(CUBE, along, "rolling")
-        lasting = [h for h in reach.holds(2, 0) if h.end == along.ticks]
+        lasting = [h for h in reach.spans(2, 0) if h.end == along.ticks]
         assert lasting, "it has contacts that would last"
         assert not any(-h.n_W[0] @ np.array(by) >= OPPOSED * np.linalg.norm(by) for h in lasting)
         with pytest.raises(NoPlanFound, match="opposes") as e:
@@ -155,4 +155,4 @@ def test_a_contact_that_cannot_be_kept_is_named(held):
     X[0, 3] += 0.2
     away = ReachTable(PENCIL, steps.still(X), "rolling")
     with pytest.raises(NoPlanFound, match="left_1 cannot keep its contact"):
-        steps.current_holds(held, away)
+        steps.current_spans(held, away)

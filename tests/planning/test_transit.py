@@ -34,7 +34,7 @@ def around(reach, *others: tuple[int, np.ndarray]) -> Surroundings:
 
 
 def test_a_lift_goes_straight_up_the_normal(pencil):
-    holds = pencil.holds(0, 0)
+    holds = pencil.spans(0, 0)
     q, n_W = np.array([h.q[0] for h in holds]), np.array([h.n_W[0] for h in holds])
     ways, able = lift_off(around(pencil), 0, q, n_W, HEIGHT)
     assert able.any()
@@ -58,7 +58,7 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
 
 
 def test_every_lift_promised_is_clear_all_along_and_at_its_end(pencil):
-    mine = pencil.holds(0, 0)
+    mine = pencil.spans(0, 0)
     s = around(pencil, (1, contact(pencil, 1, (0.0, 8e-3, 5e-3)).q[0]))
     q, n_W = np.array([h.q[0] for h in mine]), np.array([h.n_W[0] for h in mine])
     ways, able = lift_off(s, 0, q, n_W, HEIGHT)

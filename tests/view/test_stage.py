@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drake_hand import api
 from drake_hand.view import stage
-from drake_hand.view.keyframes import hold, needed, row_changes
+from drake_hand.view.keyframes import last_good, needed, row_changes
 from drake_hand.view.stage import MOST_FRAMES, MOST_FRAMES_PER_S, frame_times, tubes, upright
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda g: np.linalg.norm(g) > 1e-3)
@@ -68,7 +68,7 @@ def test_a_way_is_a_closed_tube_around_each_stretch():
 def test_gaps_are_bridged_by_the_last_good_row():
     rows = np.array([[9.0], [1.0], [9.0], [9.0], [2.0]])
     good = np.array([False, True, False, False, True])
-    assert hold(rows, good)[:, 0].tolist() == [1, 1, 1, 1, 2]
+    assert last_good(rows, good)[:, 0].tolist() == [1, 1, 1, 1, 2]
 
 
 def test_a_long_recording_is_coarser_and_so_has_room(sample_plan, monkeypatch):
