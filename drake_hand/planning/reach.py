@@ -49,7 +49,7 @@ class ContactSpan:
 
 
 class ReachTable:
-    """Spans of contacts by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
+    """Spans of contacts by finger and tick, computed when asked for; once for all ticks of a turning symmetric object."""
 
     def __init__(
         self, clearance: Clearance, path: ObjectPath, model: Model, parked: dict[int, np.ndarray] | None = None
@@ -60,7 +60,7 @@ class ReachTable:
             clearance: of the scene.
             path: of the object.
             model: of contact.
-            parked: joint angles (m,) of fingers that stay where they are, by index; holds keep clear of them.
+            parked: joint angles (m,) of fingers that stay where they are, by index; spans keep clear of them.
         """
         self.clearance, self.path = clearance, path
         self.world = world(clearance, pivot=model == "pivot")
