@@ -49,7 +49,7 @@ class ContactSpan:
 
 
 class ReachTable:
-    """Spans of contacts by finger and tick, computed when asked for; once for all ticks of a turning symmetric object."""
+    """Spans by finger and tick, computed when first asked for; once for all ticks of a turning symmetric object."""
 
     def __init__(
         self, clearance: Clearance, path: ObjectPath, model: Model, parked: dict[int, np.ndarray] | None = None
