@@ -216,44 +216,41 @@ def _in_processes(
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
-    """A second Ctrl-C has no further effect."""
+def _interrupts_to(handler: Callable[[int, Any], None] | signal.Handlers) -> Iterator[None]:
+    """Ctrl-C goes to a handler, where it is heard at all: in the main thread."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # Ctrl-C is not heard here
+        yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """A second Ctrl-C has no further effect."""
+    with _interrupts_to(signal.SIG_IGN):
+        yield
 
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
     """Processes started within never receive Ctrl-C: their parent does, and ends them.
 
-    Their parent receives it when all are started: half of a process belongs to nobody who could end it.
+    Their parent hears it when all are started: half of a process belongs to nobody who could end it. The mask is for
+    the children alone: a thread without one takes the signal, and it is raised in the main thread all the same.
     """
-    with _postponed():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _postponed() -> Iterator[None]:
-    """Ctrl-C is heard afterwards. A mask is not enough: a thread without one takes the signal, and this one raises."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Ctrl-C is not heard here
-        return
     pressed: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
     try:
-        yield
+        with _interrupts_to(lambda number, _: pressed.append(number)):
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                yield
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
-        signal.signal(signal.SIGINT, before)
         if pressed:
             signal.raise_signal(signal.SIGINT)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 import msgspec
 import numpy as np
+import yaml
 
 from drake_hand.model.hand import Hand
 from drake_hand.model.html import html_table
@@ -168,39 +170,16 @@ def certificate_card(certificate: Certificate) -> str:
 
 
 def task_card(task: Task) -> str:
-    """A task as it shows itself in a notebook cell: what differs from the defaults, as in its file."""
-    given = _given(task)
-    motion = [(f"motion {i}", step) for i, step in enumerate(given.pop("motion"), start=1)]
-    told = [*((k, v) for k, v in given.items() if k not in ("physics", "options")), *motion]
-    told += [(k, given[k]) for k in ("physics", "options") if k in given]
-    return html_table(
-        f"{short_name(task.object)} in {short_name(task.hand)}", ["", ""], [(k, _flow(v)) for k, v in told]
-    )
+    """A task as it shows itself in a notebook cell: what its file states, in its words."""
+    given = msgspec.to_builtins(task)
+    steps = {f"motion {i}": step for i, step in enumerate(given.pop("motion"), start=1)}
+    told = [(key, _in_yaml(value)) for key, value in (given | steps).items()]
+    return html_table(f"{short_name(task.object)} in {short_name(task.hand)}", ["", ""], told)
 
 
-def _given(part: msgspec.Struct) -> dict[str, Any]:
-    """The keys of a part of a task whose values are not the defaults, as in its file."""
-    found = {}
-    for field in msgspec.structs.fields(part):
-        value, made = getattr(part, field.name), field.default_factory
-        if field.required or value != (field.default if made is msgspec.NODEFAULT else made()):
-            found[field.name] = _plain(value)
-    return found
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, msgspec.Struct):
-        return _given(value)
-    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
-
-
-def _flow(value: Any) -> str:
-    """A value as YAML on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{k}: {_flow(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(_flow(v) for v in value) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _in_yaml(value: Any) -> str:
+    """A value as a file has it, on one line."""
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=True, width=math.inf).removesuffix("...\n").strip()
 
 
 def title(plan: Plan) -> str:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
 
-from drake_hand.files import write_atomic
 from drake_hand.sweep.spec import Case
 from drake_hand.sweep.work import CaseRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def groups(cases: list[Case], rows: dict[str, CaseRow]) -> dict[str, list[CaseRow]]:
@@ -51,6 +45,8 @@ def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
     """Draws the results of each group, and how long planning took, as PNG files."""
     from matplotlib.figure import Figure
 
+    from drake_hand.view.style import save
+
     labels, heights = list(grouped), 1.2 + 0.35 * len(grouped)
     statuses = sorted({r.status for rows in grouped.values() for r in rows}, key=lambda s: (s != "certified", s))
     figure = Figure(figsize=(9, heights), layout="constrained")
@@ -63,8 +59,7 @@ def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
     axes.invert_yaxis()
     axes.set_xlabel("cases")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(statuses), frameon=False)
-    files = [folder / "status.png"]
-    write_atomic(files[-1], _png(figure))
+    files = save(figure, folder, "status", ["png"])
     times = {k: [r.plan_s for r in rows if r.plan_s is not None] for k, rows in grouped.items()}
     times = {k: v for k, v in times.items() if v}
     if times:
@@ -74,12 +69,5 @@ def plot_groups(grouped: dict[str, list[CaseRow]], folder: Path) -> list[Path]:
         axes.invert_yaxis()
         axes.set_xscale("log")
         axes.set_xlabel("s to plan")
-        files.append(folder / "plan_s.png")
-        write_atomic(files[-1], _png(figure))
+        files += save(figure, folder, "plan_s", ["png"])
     return files
-
-
-def _png(figure: Figure) -> bytes:
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=130)
-    return data.getvalue()

@@ -93,10 +93,16 @@ def test_a_plan_shows_itself_and_is_short(sample_plan):
 
 def test_a_task_shows_what_was_written():
     shown = Task.load("carry")._repr_html_()
-    for told in ("{translate: {by_mm: [10, 0, 0]}}", "{xyz_mm: [53, -2, 119], rpy_deg: [107, 0, -13]}", "{grasp: {}}"):
+    for told in (
+        "{translate: {by_mm: [10.0, 0.0, 0.0]}}",
+        "{xyz_mm: [53.0, -2.0, 119.0], rpy_deg: ",
+        "{grasp: {}}",
+        ">kanguera<",
+    ):
         assert told in shown
     assert "None" not in shown
     assert "time_limit_s" not in shown
+    assert "joints_deg" not in shown
 
 
 def test_a_plan_is_asked_at_times(sample_plan, hand):
