@@ -131,8 +131,8 @@
     if (next === coarse) return;
     coarse = next;
     frames = [];
-    viewer.renderer.setPixelRatio(fine * coarse);
-    viewer.set_dirty();
+    viewer.renderer.setPixelRatio(fine * coarse); // empties the picture
+    viewer.render();
   }
 
   function stuck() { // where planning got no further, with the finger that blocks
