@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -133,6 +134,8 @@ def execute(
         seen = PoseFeedback.of(found, feedback, speed) if feedback else None
         if seen:
             stack.callback(seen.close)
+            if to_part is None:
+                excerpt = replace(excerpt, linger_s=seen.correction.linger_s)
         sensor = seen.port if seen and feedback == SIMULATED else None
         physical = _physical(stack, plan, found, hand, log, sensor) if physics else None
         spawned = physical.spawned if physical else None

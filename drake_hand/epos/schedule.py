@@ -32,6 +32,8 @@ class Excerpt:
     """Plan time at which to end, at rest; the plan's own end by default."""
     pauses_s: tuple[float, ...] = ()
     """Plan times, at rest, at which to hold until asked to continue."""
+    linger_s: float = 0.0
+    """How long to stay at the end, at least: feedback still corrects there."""
 
 
 WHOLE = Excerpt()
@@ -86,12 +88,15 @@ class Schedule:
         lead = r * math.ceil(LEAD_IN_S / T / r)
         t0, t1 = trajectory.knots[0], trajectory.knots[-1] if excerpt.end_s is None else excerpt.end_s
         t, stops = _times([t0, *excerpt.pauses_s, t1], r, T, excerpt.speed)
+        linger = np.arange(1, r * math.ceil(round(excerpt.linger_s / T, 6) / r) + 1)
+        t, arrived, stops[-1] = np.append(t, t1 + linger * T), stops[-1], stops[-1] + len(linger)
         states = trajectory.at(t)
         q = states.q_command[:, columns]
         # Offsets are linear between knots; their rate is taken over one period, so that corners are rounded.
         half = T / 2 * excerpt.speed
-        ahead, behind = (trajectory.at(np.clip(t + d, t0, t1)).q_offset for d in (half, -half))
+        ahead, behind = (trajectory.at(np.clip(t + d, t0, None)).q_offset for d in (half, -half))
         rpm = drives.rpm_from_rates(states.v[:, columns] * excerpt.speed + ((ahead - behind) / T)[:, columns])
+        rpm[arrived:] = 0.0
 
         counts = drives.counts_from_joints(q)
         u = (np.arange(lead) / lead)[:, None]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.feedback.estimate import Estimate
 from drake_hand.feedback.kinematics import Followers
 from drake_hand.feedback.pose import PoseSeen
 from drake_hand.feedback.sight import unseen_turns
@@ -21,24 +22,15 @@ GRID_S = 0.01
 """s between the times at which the plan's kinematics are worked out beforehand."""
 CORRECTION_RATE_PER_S = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
-TRUST_SHARE = 0.1
-"""Share of a measurement's news that is believed at once, for 30 measurements a second with 1 deg of noise."""
 UNSURE_RAD, UNSURE_M = np.radians(0.5), 0.25e-3
 """Errors that cannot be distinguished from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is
 corrected. Contacts that follow noise are where they should not be, and use up friction."""
-TIMING_S, NOISE_RAD = 0.01, np.radians(1.0)
-"""How well it is known when the object was where, s, and how well a look shows its turn, rad: while it turns so fast
-that the first makes more of a difference than the second, looks count for less."""
-DRIFT_GAIN = 0.075
-"""Share of a measurement's news that is attributed to drift, per rad/s of planned turning."""
-DRIFT_LIMIT_SHARE = 0.15
-"""Drift believed in at most, per planned turn."""
-_SLOW_RAD_S = 0.2
-"""rad/s below which turning teaches little about drift."""
 TWIST_LIMIT = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
 """Twist with which the object is brought back at most, rad/s and m/s."""
 LANDING_RATE_PER_S = 8.0
 """How fast a free finger goes where it will be needed, 1/s."""
+LINGER_S = 1.0
+"""For which a motion that ends with the object in the hand goes on being corrected: what its last stroke left over."""
 BLIND_S = 0.25
 """Without a look for as long as this the sensor is lost ..."""
 FADE_RATE_PER_S = 2.0
@@ -93,20 +85,19 @@ class Correction:
         grid = self._follow
         self._held = np.zeros(len(grid.t), dtype=bool)
         for start, end in hold_windows(plan):
-            self._held |= (grid.t >= start) & (grid.t <= end)
+            self._held |= (grid.t >= start) & (grid.t <= end + GRID_S / 2)
         planned = Trajectory(plan).at(grid.t)
         self._speed, self._turning = np.maximum(hand.speed - np.abs(planned.v), 0.0), planned.V_WO[:, :3]
-        self._drift = 0.0
         self._first = np.array([finger.columns[0] for finger in hand.fingers])
         self._count = [len(finger.columns) for finger in hand.fingers]
         self._touching = np.abs(grid.roll).any(axis=2)
         unseen = unseen_turns(object_)
         self._seen_O = np.eye(3) - unseen.T @ unseen
         self._p_OM = np.linalg.solve(grid.X_WO[0], np.append(grid.p_WM[0], 1.0))[:3]
-        self._dq, self._error = np.zeros(hand.nq), np.zeros(6)
+        self._dq, self._estimate = np.zeros(hand.nq), Estimate()
         self._times, self._thought = np.full(_MEMORY_TICKS, -np.inf), np.zeros((_MEMORY_TICKS, 6))
         self._tick, self._last, self._last_look, self._believed = 0, 0.0, -np.inf, 0.0
-        self._since, self._saturated = 0, False
+        self._saturated = False
         self._looks, self._saturated_s, self._lost_s, self._largest, self._reached = 0, 0.0, 0.0, 0.0, 0.0
 
     def step(self, t: float, seen: PoseSeen | None) -> np.ndarray:
@@ -128,28 +119,33 @@ class Correction:
         self._lost_s += dt * lost
         self._believed = float(np.clip(self._believed + (-FADE_RATE_PER_S if lost else FADE_RATE_PER_S) * dt, 0.0, 1.0))
         if not self._believed:
-            self._error = np.zeros(6)  # what was seen before the sensor was lost says nothing any more
-        error, drifts = self._believed * self._within(row), np.zeros(6)
+            self._estimate.forget()  # what was seen before the sensor was lost says nothing any more
+        error, turning = self._believed * self._within(row), self._turning[row] * self._held[row]
         moved, before = np.zeros(6), self._dq
         if self._held[row]:
-            drifts[:3] = self._drift * self._turning[row]
-            moved = np.clip(-CORRECTION_RATE_PER_S * error - self._believed * drifts, -TWIST_LIMIT, TWIST_LIMIT) * dt
+            drifts = np.append(self._believed * self._estimate.drift * turning, np.zeros(3))
+            moved = (np.clip(-CORRECTION_RATE_PER_S * error, -TWIST_LIMIT, TWIST_LIMIT) - drifts) * dt
         self._saturated = False
         wanted, moved = self._hold(row, moved, dt)
-        self._error = self._error + moved + drifts * dt
+        self._estimate.move(moved, turning * dt, dt)
         wanted = self._land(row, error, wanted, dt)
         self._saturated_s += dt * self._saturated
         self._dq = np.clip(wanted, *self._tube.limits[:, self._follow.part[row]])
         self._note(row, before)
         slot = self._tick % _MEMORY_TICKS
-        self._times[slot], self._thought[slot] = t, self._error
+        self._times[slot], self._thought[slot] = t, self._estimate.error
         self._tick += 1
         return self._dq.copy()
 
     @property
     def error(self) -> np.ndarray:
         """(6,) estimated twist from the planned to the true pose: rotation, then displacement of the centre, in W."""
-        return self._error.copy()
+        return self._estimate.error.copy()
+
+    @property
+    def linger_s(self) -> float:
+        """How long to go on after the plan's end, s."""
+        return LINGER_S if self._held[-1] else 0.0
 
     @property
     def report(self) -> CorrectionReport:
@@ -175,24 +171,17 @@ class Correction:
         turn = R_WO.T @ _rotation_vector(X[:3, :3] @ R_WO.T)
         turn = R_WO @ (self._seen_O @ turn)
         shift = X[:3, :3] @ self._p_OM + X[:3, 3] - self._follow.p_WM[row]
-        news = np.concatenate([turn, shift]) - (self._thought[slot] if self._tick else 0.0)
+        thought = self._thought[slot] if self._tick else np.zeros(6)
         if not self._believed:
-            self._error, self._since = np.zeros(6), 0
-        self._since += 1
-        w = self._turning[row]
-        clear = 1 / (1 + float(w @ w) * (TIMING_S / NOISE_RAD) ** 2)
-        share = clear * max(TRUST_SHARE, 1 / self._since)  # the mean of the first looks
-        self._error = self._error + share * news
-        self._thought += share * news
-        if self._held[row]:
-            learnt = self._drift + clear * DRIFT_GAIN * (news[:3] @ w) / (w @ w + _SLOW_RAD_S**2)
-            self._drift = float(np.clip(learnt, -DRIFT_LIMIT_SHARE, DRIFT_LIMIT_SHARE))
+            self._estimate.forget()
+        w = self._turning[row] * self._held[row]
+        self._thought += self._estimate.look(np.concatenate([turn, shift]), thought, w)
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:
         """The error as far as it can be distinguished from noise, and is corrected in this part."""
         most = self._tube.turn[self._follow.part[row]]
-        out = self._error.copy()
+        out = self._estimate.error.copy()
         for part, unsure, at_most in ((slice(0, 3), UNSURE_RAD, most), (slice(3, 6), UNSURE_M, np.inf)):
             size = float(np.linalg.norm(out[part]))
             out[part] *= min(max(size - unsure, 0.0), at_most) / max(size, 1e-12)

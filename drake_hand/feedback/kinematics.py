@@ -50,7 +50,7 @@ class Followers:
             object_: likewise.
             step: between times, s.
         """
-        t = np.arange(0.0, plan.duration + step, step)
+        t = np.arange(0.0, plan.duration + step / 2, step)
         planned = Trajectory(plan).at(t)
         surface, X = Surface.of(object_), planned.X_WO
         centre = np.einsum("kij,j->ki", X[:, :3, :3], surface.centre) + X[:, :3, 3]

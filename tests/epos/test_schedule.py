@@ -176,6 +176,22 @@ def test_an_excerpt_rests_at_its_pauses_and_is_slower_throughout(speed, half_s, 
     assert way == pytest.approx(schedule.counts[schedule.lead :], abs=3 + full * 64 / 60 * schedule.period)
 
 
+@pytest.mark.parametrize("pauses_s", [(), (1.0,)])
+def test_a_schedule_that_lingers_stays_where_the_plan_ends(pauses_s):
+    plan = swing(DRIVES.joints, 2.0, swings=2)
+    short, long = (
+        Schedule.build(plan, DRIVES, excerpt=Excerpt(pauses_s=pauses_s, linger_s=linger)) for linger in (0.0, 0.5)
+    )
+    more = round(0.5 / short.period)
+    assert long.last == short.last + more
+    assert long.stops == (*short.stops[:-1], long.last)
+    assert (long.counts[: short.last + 1] == short.counts).all()
+    assert (long.counts[short.last :] == short.counts[-1]).all()
+    assert (long.rpm[: short.last + 1] == short.rpm).all()
+    assert not long.rpm[short.last :].any()
+    assert np.diff(long.plan_time[short.last :]) == pytest.approx(np.full(more, short.period))
+
+
 def test_drives_for_fewer_joints_play_those():
     three = DRIVES.only(["index_pip", "index_flexion", "thumb_mcp"])
     schedule = Schedule.build(PLAN, three)

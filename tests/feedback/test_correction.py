@@ -109,6 +109,24 @@ def test_an_error_is_brought_back_to_what_may_be_noise(plan):
     assert np.linalg.norm(errors[-1, :3]) == pytest.approx(module.UNSURE_RAD, abs=np.radians(0.05))
 
 
+def test_what_is_left_at_the_end_is_brought_back_after_it(plan, sure):
+    """The object slips just before the end: the fingers hold it there, and have a second."""
+    correction = Correction(plan, HAND, PENCIL)
+    late = play(plan, ASIDE, until=4.0, stamp=lambda seen, t: seen if t > 3.9 else None)[1]
+    after = play(plan, ASIDE, until=4.0 + correction.linger_s, stamp=lambda seen, t: seen if t > 3.9 else None)[1]
+    assert np.linalg.norm(late[-1, 3:]) > 0.6e-3
+    assert np.linalg.norm(after[-1, 3:]) < 0.2e-3
+
+
+def test_a_hand_that_has_let_go_has_nothing_to_bring_back(plan):
+    (part,) = plan.parts
+    rest = {k: [getattr(part, k)[-1]] * 2 for k in ("q", "v", "X_WO", "V_WO", "q_offset")}
+    open_ = msgspec.structs.replace(part, mode="00000", events=[], t=[4.0, 4.5], contacts={}, **rest)
+    let_go = certified(msgspec.structs.replace(plan, parts=[part, open_], certificate=None))
+    assert Correction(let_go, HAND, PENCIL).linger_s == 0
+    assert Correction(plan, HAND, PENCIL).linger_s > 0
+
+
 def test_noise_is_not_passed_on(plan):
     _, errors = play(plan, np.zeros(6), sensor=PoseSensor())
     late = errors[len(errors) // 2 :]
