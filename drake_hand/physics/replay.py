@@ -25,8 +25,8 @@ from drake_hand.verify.certificate import check_models
 
 REST_S = 0.3
 """s before the plan starts, and after it ends, for what swings to come to rest, or fall."""
-SAMPLE_S = 5.0e-3
-"""s between samples."""
+SAMPLE_S = 10.0e-3
+"""s between samples, and between corrections: a period of the bus."""
 
 
 def replay(
