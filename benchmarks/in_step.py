@@ -3,8 +3,9 @@
     python benchmarks/in_step.py spin.plan.json --runs 10 [--logs DIR]
 
 Friction, mass and stiffness are within 20 %, as in ``simulate --runs``. Success: not dropped, not stopped by the
-monitor of contact forces or anything else, at the end within 1 mm, 3 deg of tilt and 8 deg of turn. The factor to real time is that of this computer and
-what else it does; the one in brackets counts the seconds of processor that drives and physics took.
+monitor of contact forces or anything else, at the end within 1 mm, 3 deg of tilt and 8 deg of turn. The factor to real
+time is that of this computer and what else it does; the one in brackets counts the seconds of processor that drives and
+physics took.
 """
 
 from __future__ import annotations
