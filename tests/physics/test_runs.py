@@ -11,6 +11,7 @@ import pytest
 
 from drake_hand import cli
 from drake_hand.errors import InputError
+from drake_hand.feedback.correction import LINGER_S
 from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.physics.replay import replay
 from drake_hand.physics.runs import simulate
@@ -112,6 +113,7 @@ def test_feedback_brings_back_what_starts_beside_the_plan():
     assert blind.position_error_mm > 0.6
     assert seen.position_error_mm < 0.4
     assert seen.tilt_error_deg < 1.0
+    assert seen.end_s == pytest.approx(blind.end_s + LINGER_S), "it goes on after the plan's end"
     assert blind.correction is None
 
 
