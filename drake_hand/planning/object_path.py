@@ -30,10 +30,16 @@ def pose(p: Pose | MoveTo) -> np.ndarray:
     return X
 
 
-def as_pose(X_WO: np.ndarray) -> Pose:
-    """A pose as a person writes it, to the millimetre and degree."""
+def as_pose(X_WO: np.ndarray, decimals: int = 0) -> Pose:
+    """A pose as a person writes it, to the millimetre and degree, or to more decimals of them."""
     rpy = Rotation.from_matrix(X_WO[:3, :3]).as_euler("xyz", degrees=True, suppress_warnings=True)
-    return Pose(xyz_mm=tuple(np.round(X_WO[:3, 3] * 1e3).tolist()), rpy_deg=tuple(np.round(rpy).tolist()))
+    xyz_mm, rpy_deg = (np.round(x, decimals).tolist() for x in (X_WO[:3, 3] * 1e3, rpy))
+    return Pose(xyz_mm=tuple(xyz_mm), rpy_deg=tuple(rpy_deg))
+
+
+def aligned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(3, 3) the shortest rotation that takes unit vector a to b."""
+    return Rotation.align_vectors(b[None], a[None])[0].as_matrix()
 
 
 @dataclass(frozen=True, kw_only=True)

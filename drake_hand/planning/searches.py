@@ -126,7 +126,7 @@ def _beside(
     rng = np.random.default_rng(problem.task.options.seed)
     tried = 0
     while tried < STARTS_BESIDE and not best.search.straight and time.monotonic() < problem.deadline:
-        task, tried = start.close_by(best.task, rng), tried + 1
+        task, tried = start.close_by(best.task, problem.clearance, rng), tried + 1
         try:
             found.append(_free(problem, task, problem.builder(task), wanted, moving, then))
         except NoPlanFound:

@@ -18,7 +18,8 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World
-from drake_hand.planning.object_path import MOVING_KINDS, as_pose, build, pose
+from drake_hand.planning.object_path import MOVING_KINDS, aligned, as_pose, build, pose
+from drake_hand.planning.on_table import laid
 from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
 from drake_hand.plans.task import Pose, Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
@@ -41,6 +42,8 @@ _OUTSIDE_COS, _PAD_COS = 0.25, 0.5
 """Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
 _OPPOSITE_COS = -0.7
 """Largest cosine between normals that two fingers press on from opposite sides."""
+_SPACING_M = 8e-3
+"""Between points of the object's surface that are tried, m."""
 _JITTER_M = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
 BESIDE_M, BESIDE_RAD = 5.0e-3, np.radians(10.0)
@@ -58,7 +61,9 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
     ways = [gravity] if gravity != "auto" else palms(clearance.hand)
     if task.options.hold != "equilibrium":
         ways = ways[:1]
-    starts = [as_pose(X) for X in poses(task, clearance, world, rng)] if task.start == "auto" else [task.start]
+    starts = (
+        [_rounded(X, clearance) for X in poses(task, clearance, world, rng)] if task.start == "auto" else [task.start]
+    )
     pairs = zip(starts, itertools.cycle(ways), strict=False) if len(starts) > 1 else itertools.product(starts, ways)
     return [
         msgspec.structs.replace(task, start=start, physics=msgspec.structs.replace(task.physics, gravity=palm))
@@ -69,10 +74,10 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
 def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
     """Poses X_WO (4, 4), the most promising first: most fingers reach several sides of it, also along its path.
 
-    Its middle is near where fingertips meet, clear of the palm. Its long axis lies along the line of the finger bases,
-    as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the
-    object about an axis of W through its own origin, half of the poses align that axis with one about which the object
-    looks the same after a part of the turn, the smallest there is.
+    Its middle is near where fingertips meet, clear of the palm; where there is a table, it lies on it. Its long axis is
+    along the line of the finger bases, as a pencil lies across the fingers, give or take 30 deg; it is drawn at random
+    about itself. Where a step turns the object about an axis of W through its own origin, half of the poses align that
+    axis with one about which the object looks the same after a part of the turn, the smallest there is.
 
     Args:
         task: what is asked.
@@ -89,7 +94,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
         axes = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
-    points, outward = surface.sample(8e-3)
+    points, outward = surface.sample(_SPACING_M)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH_M
     samples, normals = points[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
@@ -113,10 +118,15 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
             axis, along = surface.long_axis, _lean(_across(clearance.hand, rng), rng)
         X = np.eye(4)
         about = Rotation.from_rotvec(axis * rng.uniform(0, 2 * np.pi))
-        X[:3, :3] = _aligned(axis, along) @ about.as_matrix()
+        X[:3, :3] = aligned(axis, along) @ about.as_matrix()
         middle = middles[rng.integers(len(middles))] + _JITTER_M * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
-        X = pose(as_pose(X))
+        if clearance.table is not None:
+            lies = laid(clearance, clearance.table, outward, X)
+            if lies is None:
+                continue
+            X = lies
+        X = pose(_rounded(X, clearance))
         way = build(X, moving).X_WO if moving else X[None]
         way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _PATH_POSES).astype(int)])
         if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
@@ -131,13 +141,23 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     return [found[k][1] for k in order[:POSES_OFFERED]]
 
 
-def close_by(task: Task, rng: np.random.Generator) -> Task:
-    """The task with a start pose close to its own."""
+def close_by(task: Task, clearance: Clearance, rng: np.random.Generator) -> Task:
+    """The task with a start pose close to its own; its own, where the object lies in no other."""
     assert isinstance(task.start, Pose)
     X = pose(task.start)
     X[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, BESIDE_RAD, 3)).as_matrix() @ X[:3, :3]
     X[:3, 3] += rng.normal(0.0, BESIDE_M, 3)
-    return msgspec.structs.replace(task, start=as_pose(X))
+    if clearance.table is not None:
+        lies = laid(clearance, clearance.table, clearance.surface.sample(_SPACING_M)[1], X)
+        if lies is None:
+            return task
+        X = lies
+    return msgspec.structs.replace(task, start=_rounded(X, clearance))
+
+
+def _rounded(X_WO: np.ndarray, clearance: Clearance) -> Pose:
+    """To the millimetre and degree, or so that the object still lies on its table."""
+    return as_pose(X_WO, 0 if clearance.table is None else 4)
 
 
 def _looking_alike(surface: Surface, angle: float) -> np.ndarray:
@@ -209,8 +229,3 @@ def _lean(axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     side = rng.normal(size=3)
     side -= axis * (side @ axis)
     return Rotation.from_rotvec(side / np.linalg.norm(side) * MOST_LEAN_RAD * np.sqrt(rng.random())).apply(axis)
-
-
-def _aligned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(3, 3) the shortest rotation that takes unit vector a to b."""
-    return Rotation.align_vectors(b[None], a[None])[0].as_matrix()

@@ -195,7 +195,7 @@ class Task(_Strict, frozen=True, kw_only=True):
     object: str
     """Bundled name, or the path of a URDF, SDF or mesh."""
     start: Pose | Literal["auto"]
-    """Where the object is at first; ``auto`` lets the planner choose."""
+    """Where the object is at first; ``auto`` lets the planner choose, on its support if there is one."""
     support: Support | None = None
     """Without one a fixture holds the object until the grasp is complete."""
     motion: Annotated[list[Step], Meta(min_length=1)]
@@ -259,12 +259,9 @@ class Task(_Strict, frozen=True, kw_only=True):
                 meant = [round(x * 1e3, 6) for x in mm]
                 refuse(f"less than {shortest:g} mm: metres typed for millimetres?", key, list(mm), f"{meant}, perhaps")
         if self.support is not None:
-            for key, found, expected in (
-                ("start", self.start, "a pose on the table"),
-                ("physics.gravity", self.physics.gravity, "a vector, against which the table faces"),
-            ):
-                if found == "auto":
-                    refuse("a table's height is known only for a pose", key, found, expected)
+            if self.physics.gravity == "auto":
+                expected = "a vector, against which the table faces"
+                refuse("a table needs to know what is up", "physics.gravity", "auto", expected)
             if isinstance(self.start, Pose) and self.start.joints_deg:
                 refuse("an object on a table is not in a grasp yet", "start.joints_deg", "joints", "none")
             if not any(self.physics.gravity):

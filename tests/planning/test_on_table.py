@@ -3,17 +3,20 @@
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small import scene
 
+from drake_hand import api
 from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.table import Table
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.object_path import pose
-from drake_hand.planning.on_table import check_release, check_start
+from drake_hand.planning.on_table import check_release, check_start, laid
+from drake_hand.planning.start import POSES_OFFERED, close_by, variants
 from drake_hand.planning.state import by_finger
 from drake_hand.planning.world import world
-from drake_hand.plans.task import Grasp, Physics, Pose, Release, Step, Support, Task
+from drake_hand.plans.task import Grasp, Physics, Pose, Release, Step, Support, Task, Translate
 
 DOWN = (9.81, 0.0, 0.0)
 """Gravity with the palm down, m/s^2."""
@@ -58,6 +61,56 @@ def test_an_object_that_would_topple_is_refused():
 def test_a_table_in_the_palm_is_refused():
     near = msgspec.structs.replace(CUBE, support=Support(plane_mm=-5.0))
     assert refused(near).key == "support.plane_mm"
+
+
+@pytest.mark.parametrize(
+    ("name", "lean_deg"), [("cube", 54.8), ("pencil_r12", 90.0), ("cylinder", 90.0), ("sphere", 12.0)]
+)
+def test_an_object_is_laid_on_the_table_turned_as_little_as_possible(name, lean_deg):
+    c, rng = clearance(msgspec.structs.replace(CUBE, object=name)), np.random.default_rng(0)
+    outward = c.surface.sample(8e-3)[1]
+    for R in Rotation.random(30, random_state=0).as_matrix():
+        X = np.eye(4)
+        X[:3, :3], X[:3, 3] = R, rng.normal(scale=0.1, size=3)
+        lies = laid(c, c.table, outward, X)
+        assert c.table.bears(c.feet, c.p_OCom, lies)
+        turned = Rotation.from_matrix(lies[:3, :3] @ R.T)
+        assert np.degrees(turned.magnitude()) <= lean_deg
+        assert abs(turned.as_rotvec() @ c.table.up_W) < 1e-6, "not about the vertical"
+        moved = lies[:3, 3] - X[:3, 3]
+        np.testing.assert_allclose(moved, (moved @ c.table.up_W) * c.table.up_W, atol=1e-9)
+        np.testing.assert_allclose(laid(c, c.table, outward, lies), lies, atol=1e-6 if name != "sphere" else 0.2)
+
+
+def test_what_would_topple_is_not_laid():
+    c = clearance(CUBE)
+    assert laid(c, c.table, np.array([[0.8, 0.6, 0.0]]), np.eye(4)) is None
+
+
+@pytest.mark.parametrize("name", ["cube", "pencil_r12"])
+def test_where_the_start_is_open_the_object_lies_and_so_it_does_beside(name):
+    task = msgspec.structs.replace(CUBE, object=name, start="auto")
+    task.validate()
+    c = clearance(task)
+    check_start(task, c)
+    tasks = variants(task, c, world(c, pivot=False), np.random.default_rng(0))
+    assert len(tasks) == POSES_OFFERED
+    for some in (tasks[0], tasks[-1], close_by(tasks[0], c, np.random.default_rng(0))):
+        check_start(some, c)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "plane_mm"), [("cube", -107.0), ("pencil_r12", -86.0)])
+def test_what_lies_anywhere_is_picked_up_and_put_down(name, plane_mm):
+    up, down = (Step(translate=Translate(by_mm=(x, 0.0, 0.0))) for x in (-30.0, 30.0))
+    task = msgspec.structs.replace(
+        CUBE,
+        object=name,
+        start="auto",
+        support=Support(plane_mm=plane_mm),
+        motion=[CUBE.motion[0], up, down, CUBE.motion[1]],
+    )
+    assert api.solve(task).plan.certified
 
 
 def test_an_object_in_the_air_is_not_let_go():

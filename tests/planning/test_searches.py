@@ -27,6 +27,7 @@ def problem_of(start: object) -> SimpleNamespace:
         stage=lambda name: nullcontext(),
         progress=lambda p: None,
         builder=lambda task: None,
+        clearance=None,
         task=SimpleNamespace(start=start, options=SimpleNamespace(seed=0)),
     )
 
@@ -104,7 +105,7 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
 
     asked, beside = [], []
     monkeypatch.setattr(searches, "_free", lambda problem, task, *_: asked.append(task) or attempt(task))
-    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: beside.append(task) or len(beside))
+    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: beside.append(task) or len(beside))
     free = [attempt(0)] if lasting else []
     found = searches._beside(problem_of("auto"), free, Grasp(), [], [])
     assert [x.task for x in found] == asked == tried
@@ -115,7 +116,7 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
 def test_none_beside_are_tried_where_another_lasts(monkeypatch):
     """The first lasts as long, but the hand cannot close on it."""
     some = [SimpleNamespace(task=k, search=SimpleNamespace(lasting=1.0, straight=k == 1)) for k in range(2)]
-    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: pytest.fail("tried"))
+    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: pytest.fail("tried"))
     assert searches._beside(problem_of("auto"), some, Grasp(), [], []) == []
 
 
@@ -126,7 +127,7 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
         raise NoPlanFound("out of reach")
 
     monkeypatch.setattr(searches, "_free", none)
-    monkeypatch.setattr(searches.start, "close_by", lambda task, rng: task)
+    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: task)
     assert searches._beside(problem_of("auto"), [first], Grasp(), [], []) == []
 
 

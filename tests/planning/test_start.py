@@ -85,15 +85,15 @@ def test_starts_depend_on_the_seed_alone(clearance, auto):
     assert starts(task, clearance, seed=1) != auto
 
 
-def test_a_start_beside_is_close_but_another():
+def test_a_start_beside_is_close_but_another(clearance):
     task = spin(start=as_pose(np.eye(4)))
-    some = [close_by(task, np.random.default_rng(k)) for k in range(40)]
+    some = [close_by(task, clearance, np.random.default_rng(k)) for k in range(40)]
     p = np.array([x.start.xyz_mm for x in some])
     turned = [Rotation.from_euler("xyz", x.start.rpy_deg, degrees=True).magnitude() for x in some]
     assert 2.0 < p.std() < 8.0
     assert np.abs(p).max() < 25.0
     assert np.radians(5.0) < np.mean(turned) < np.radians(35.0)
-    assert close_by(task, np.random.default_rng(3)) == some[3]
+    assert close_by(task, clearance, np.random.default_rng(3)) == some[3]
 
 
 def test_the_path_says_which_palm_it_is_for():
