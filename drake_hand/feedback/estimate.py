@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 NOISE_RAD, NOISE_M = np.radians(1.0), 0.5e-3
-"""Standard deviation of a measurement along and about each axis."""
+"""Standard deviation of a measurement along and about each axis, as `PoseSensor` has it where nothing else is said."""
 _START_RAD, _START_M = np.radians(3.0), 1.5e-3
 """How far the object may be off before anything was seen, standard deviation."""
 _WANDER_RAD_SQRT_S, _WANDER_M_SQRT_S = np.radians(0.55), 0.27e-3
@@ -14,14 +14,14 @@ _DRIFT_SHARE, _DRIFT_WANDER_SHARE_SQRT_S = 0.05, 0.02
 """Of a planned turn: how much more or less it may be, and how that changes from contact to contact."""
 _LAG_S, _LAG_WANDER_S_SQRT_S = 0.01, 1e-3
 """By how much the object may lag behind the plan, s, and how that changes."""
-DRIFT_LIMIT_SHARE, _LAG_LIMIT_S = 0.15, 0.03
+_DRIFT_LIMIT_SHARE, _LAG_LIMIT_S = 0.15, 0.03
 """What of both is believed at most."""
 
 _ERROR, _DRIFT, _LAG = slice(0, 6), 6, 7
 
 
 class Estimate:
-    """What is believed of an object that is held and turned as planned, or nearly.
+    """What is believed of an object that is held and turned as planned, or nearly: a linear Kalman filter.
 
     The state is the error, a twist from where the object is planned to where it is (rotation, then displacement of its
     centre, in W); its drift per planned turn, since tips that roll on yielding pads turn an object by a few per cent
@@ -90,6 +90,6 @@ class Estimate:
         self._x += change
         self._P = self._P - K @ H @ self._P
         self._P = 0.5 * (self._P + self._P.T)
-        self._x[_DRIFT] = np.clip(self._x[_DRIFT], -DRIFT_LIMIT_SHARE, DRIFT_LIMIT_SHARE)
+        self._x[_DRIFT] = np.clip(self._x[_DRIFT], -_DRIFT_LIMIT_SHARE, _DRIFT_LIMIT_SHARE)
         self._x[_LAG] = np.clip(self._x[_LAG], -_LAG_LIMIT_S, _LAG_LIMIT_S)
         return change[_ERROR]
