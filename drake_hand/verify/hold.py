@@ -24,7 +24,8 @@ _STILL_M = 1e-8
 def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan], findings: Findings) -> None:
     """Judges forces and contacts wherever neither fixture nor support has the object, and that it rests where they do.
 
-    An object at rest on a table is judged with what the table bears; one that moves there, or is above it, without.
+    An object at rest on a table is held by the fingers alone, with their pads as twisted as they came to rest, or by
+    what the table bears of it; one that moves there, or is above it, by the fingers.
     """
     s, task = seen.states, plan.task
     touching = np.sum(seen.digits != FREE, axis=1)
@@ -40,7 +41,8 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
     if task.support:
         gap = check_clear(seen, plan, scene, findings)
         lies = (np.abs(gap) * 1000 <= TOLERANCES["contact_mm"]) & ~np.r_[False, moved] & ~np.r_[moved, False]
-        balance[lies] = borne(seen, np.flatnonzero(lies), plan, scene, _body(plan, scene))
+        on_table = borne(seen, np.flatnonzero(lies), plan, scene, _body(plan, scene))
+        balance[lies] = np.minimum(balance[lies], on_table)
         findings.add("contacts", np.where(lies, np.nan, touching), s.t, s.part, limit=float(task.options.min_contacts))
         findings.add("balance_ratio", balance, s.t, s.part)
         return

@@ -1,6 +1,7 @@
 """A cube lifted off a table and put down again: certified, and what the certificate says once it is broken."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Release, Step, Support, Task, Translate
 from drake_hand.plans.trajectory import Trajectory
+from drake_hand.verify import hold
 from drake_hand.verify.balance import Body
 from drake_hand.verify.certificate import certify
 from drake_hand.verify.observe import observe
@@ -69,6 +71,20 @@ def test_a_cube_that_does_not_lie_on_the_table(lifted, cube, by_mm):
     )
     assert worst["table_mm"].value == pytest.approx(0.3, abs=1e-3)
     assert worst["balance_ratio"].value == pytest.approx(50.0, rel=1e-3)  # all of its weight, over 2 % of it
+
+
+def test_fingers_that_hold_a_cube_where_it_lies_need_nothing_of_the_table(lifted, cube, seen, monkeypatch):
+    """Where the table bears too little, that is missed only as long as the fingers do not hold the cube."""
+    monkeypatch.setattr(hold, "borne", lambda seen, rows, *_: np.full(len(rows), 10.0))
+    told = {}
+    findings = SimpleNamespace(add=lambda name, values, *_, **__: told.setdefault(name, values))
+    hold.check_hold(seen, lifted, cube, [], findings)
+    ratio, X = told["balance_ratio"], seen.states.X_WO
+    lifts = int(np.flatnonzero(X[:, 0, 3] < X[0, 0, 3] - 1e-4)[0])
+    lies = np.flatnonzero(np.linalg.norm(X[:lifts, :3, 3] - X[0, :3, 3], axis=1) == 0.0)
+    assert ratio[0] == 10.0
+    assert ratio[lies[-1]] <= 1.0
+    assert 0 < (ratio[lies] == 10.0).sum() < len(lies)
 
 
 def test_links_in_the_table_are_named(lifted, cube):
