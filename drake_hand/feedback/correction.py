@@ -171,11 +171,10 @@ class Correction:
         turn = R_WO.T @ _rotation_vector(X[:3, :3] @ R_WO.T)
         turn = R_WO @ (self._seen_O @ turn)
         shift = X[:3, :3] @ self._p_OM + X[:3, 3] - self._follow.p_WM[row]
-        thought = self._thought[slot] if self._tick else np.zeros(6)
         if not self._believed:
             self._estimate.forget()
         w = self._turning[row] * self._held[row]
-        self._thought += self._estimate.look(np.concatenate([turn, shift]), thought, w)
+        self._thought += self._estimate.look(np.concatenate([turn, shift]), self._thought[slot], w)
         self._looks, self._last_look = self._looks + 1, t
 
     def _within(self, row: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.errors import InputError
-from drake_hand.model.table import TABLE_TOUCH_M, Table, feet
+from drake_hand.model.table import TABLE_TOUCH_M, feet
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.object_path import aligned, pose
@@ -49,15 +49,19 @@ def check_start(task: Task, clearance: Clearance) -> None:
         raise InputError("the object topples", key="start.rpy_deg", found=list(task.start.rpy_deg), expected=expected)
 
 
-def laid(clearance: Clearance, table: Table, outward_O: np.ndarray, X_WO: np.ndarray) -> np.ndarray | None:
-    """The pose nearest to X_WO (4, 4) in which the object lies on a table; None if it would topple from every side.
+def laid(clearance: Clearance, outward_O: np.ndarray, X_WO: np.ndarray) -> np.ndarray | None:
+    """The pose nearest to X_WO (4, 4) in which the object lies on its table; None if it would topple from every side.
+
+    Where there is no table, that is X_WO.
 
     Args:
-        clearance: of the object.
-        table: the table.
+        clearance: of the object, and what it is to lie on.
         outward_O: (N, 3) normals of its surface, one of which points down then.
         X_WO: where it is wanted.
     """
+    table = clearance.table
+    if table is None:
+        return X_WO
     for n_O in outward_O[np.argsort(outward_O @ X_WO[:3, :3].T @ table.up_W)][:_SIDES_TRIED]:
         X = X_WO.copy()
         X[:3, :3] = aligned(X_WO[:3, :3] @ n_O, -table.up_W) @ X_WO[:3, :3]

@@ -121,12 +121,10 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         X[:3, :3] = aligned(axis, along) @ about.as_matrix()
         middle = middles[rng.integers(len(middles))] + _JITTER_M * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
-        if clearance.table is not None:
-            lies = laid(clearance, clearance.table, outward, X)
-            if lies is None:
-                continue
-            X = lies
-        X = pose(_rounded(X, clearance))
+        lies = laid(clearance, outward, X)
+        if lies is None:
+            continue
+        X = pose(_rounded(lies, clearance))
         way = build(X, moving).X_WO if moving else X[None]
         way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _PATH_POSES).astype(int)])
         if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
@@ -147,12 +145,8 @@ def close_by(task: Task, clearance: Clearance, rng: np.random.Generator) -> Task
     X = pose(task.start)
     X[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, BESIDE_RAD, 3)).as_matrix() @ X[:3, :3]
     X[:3, 3] += rng.normal(0.0, BESIDE_M, 3)
-    if clearance.table is not None:
-        lies = laid(clearance, clearance.table, clearance.surface.sample(_SPACING_M)[1], X)
-        if lies is None:
-            return task
-        X = lies
-    return msgspec.structs.replace(task, start=_rounded(X, clearance))
+    lies = laid(clearance, clearance.surface.sample(_SPACING_M)[1], X)
+    return task if lies is None else msgspec.structs.replace(task, start=_rounded(lies, clearance))
 
 
 def _rounded(X_WO: np.ndarray, clearance: Clearance) -> Pose:
