@@ -34,6 +34,7 @@ def main() -> None:
     spin = Task.load("spin")
     stated = msgspec.structs.replace(spin.physics, friction=options.stated)
     found = api.solve(msgspec.structs.replace(spin, physics=stated))
+    assert found.plan.certificate is not None
     margin = found.plan.certificate.worst["force_margin"].value
     print(f"planned for {options.stated:g}: {found.regrasps} regrasps, force margin {margin:.2f}\n")
     print("| friction | at the end: mm / tilt deg / turn deg |\n|---|---|")
