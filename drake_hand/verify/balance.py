@@ -48,6 +48,22 @@ class Torsion:
     """(k, F) mean lever of the patch's friction, m."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Pushes:
+    """What the fingers do to the object: forces, and moments about the normals between bounds."""
+
+    f_W: np.ndarray
+    """(k, F, 3) N."""
+    arm_W: np.ndarray
+    """(k, F, 3) from its centre of mass to the contacts."""
+    n_W: np.ndarray
+    """(k, F, 3) its outward normals there."""
+    least: np.ndarray
+    """(k, F) Nm."""
+    most: np.ndarray
+    """(k, F) Nm."""
+
+
 def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.ndarray:
     """The fraction of the friction cone that a contact force leaves unused: 1 - |f_t| / (mu f_n).
 
@@ -67,17 +83,16 @@ def friction_margins(f_W: np.ndarray, n_W: np.ndarray, friction: float) -> np.nd
     return np.where(np.linalg.norm(f_W, axis=-1) < _LEAST_FORCE_N, np.nan, margin)
 
 
-def unbalanced(
+def pushes(
     states: States, p_OS: np.ndarray, n_O: np.ndarray, slip_W: np.ndarray, torsion: Torsion, body: Body
-) -> np.ndarray:
-    """What no contact force balances, over its tolerance.
+) -> Pushes:
+    """What the fingers do to the object.
 
-    Newton and Euler about the object's centre of mass: contact forces as planned, gravity, the plan's own
-    acceleration. Every contact may add a torsional moment about its normal, as far as the ellipse of friction force
-    and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5); moments are chosen to balance best, by
-    coordinate descent. Where a tip turns over the object its pad is twisted and drags the object round: that moment
-    is there, whether it helps or not, and known within `CHECKED_TORSION_SHARES`. The friction of a sliding finger is
-    mu f_n against its motion, whatever the plan says.
+    Contact forces are those planned; every contact may add a torsional moment about its normal, as far as the ellipse
+    of friction force and torsion leaves it (soft finger, Murray, Li & Sastry 1994 ch. 5). Where a tip turns over the
+    object its pad is twisted and drags the object round: that moment is there, whether it helps or not, and known
+    within `CHECKED_TORSION_SHARES`. The friction of a sliding finger is mu f_n against its motion, whatever the plan
+    says.
 
     Args:
         states: k samples, F fingers.
@@ -86,9 +101,6 @@ def unbalanced(
         slip_W: (k, F, 3) velocity with which a finger slides over the object, m/s; zero where it does not.
         torsion: of pads that are twisted.
         body: the object.
-
-    Returns:
-        (k,) 1 is just tolerable.
     """
     R = states.X_WO[:, :3, :3]
     n_W = np.einsum("kij,kfj->kfi", R, n_O)
@@ -100,14 +112,6 @@ def unbalanced(
     kinetic = press[..., None] * (body.friction * along - n_W)
     f_W = np.where(sliding[..., None], kinetic, states.f_W)
 
-    w, dw = states.V_WO[:, :3], states.A_WO[:, :3]
-    r = R @ body.p_OCom
-    a_com = states.A_WO[:, 3:] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
-    I_W = R @ body.I_OCom @ np.swapaxes(R, 1, 2)
-    momentum = np.einsum("kij,kj->ki", I_W, w)
-    force = f_W.sum(axis=1) - body.mass * (a_com - body.gravity)
-    torque = np.cross(arm_W, f_W).sum(axis=1) - np.einsum("kij,kj->ki", I_W, dw) - np.cross(w, momentum)
-
     grip = body.friction * np.maximum(press, 0.0)
     tangential = np.linalg.norm(f_W + press[..., None] * n_W, axis=-1)
     left = np.sqrt(np.maximum(grip**2 - tangential**2, 0.0))
@@ -117,8 +121,33 @@ def unbalanced(
     rests = ~torsion.moving[:, None]
     most, least = np.where(rests, np.maximum(most, helps), most), np.where(rests, -helps, least)
     onward = torsion.twist >= 0
+    least, most = np.where(onward, least, -most), np.where(onward, most, -least)
+    return Pushes(f_W=f_W, arm_W=arm_W, n_W=n_W, least=least, most=most)
+
+
+def unbalanced(states: States, by: Pushes, body: Body) -> np.ndarray:
+    """What no contact force balances, over its tolerance.
+
+    Newton and Euler about the object's centre of mass: what the fingers do to it, gravity, the plan's own
+    acceleration; moments about the normals are those that balance best, found by coordinate descent.
+
+    Args:
+        states: k samples.
+        by: the fingers.
+        body: the object.
+
+    Returns:
+        (k,) 1 is just tolerable.
+    """
+    R, w, dw = states.X_WO[:, :3, :3], states.V_WO[:, :3], states.A_WO[:, :3]
+    r = R @ body.p_OCom
+    a_com = states.A_WO[:, 3:] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
+    I_W = R @ body.I_OCom @ np.swapaxes(R, 1, 2)
+    momentum = np.einsum("kij,kj->ki", I_W, w)
+    force = by.f_W.sum(axis=1) - body.mass * (a_com - body.gravity)
+    torque = np.cross(by.arm_W, by.f_W).sum(axis=1) - np.einsum("kij,kj->ki", I_W, dw) - np.cross(w, momentum)
     torque = np.ascontiguousarray(torque)
-    _add_torsion(torque, np.ascontiguousarray(n_W), np.where(onward, least, -most), np.where(onward, most, -least))
+    _add_torsion(torque, np.ascontiguousarray(by.n_W), by.least, by.most)
     tolerance = UNBALANCED_SHARE * body.mass * STANDARD_GRAVITY
     return np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / TORQUE_LENGTH_M) / tolerance
 

@@ -9,7 +9,7 @@ from drake_hand.modes.measured import displacement
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Pose, Task
 from drake_hand.plans.tolerances import TOLERANCES
-from drake_hand.verify.balance import Body, fixture, friction_margins, unbalanced
+from drake_hand.verify.balance import Body, Pushes, fixture, friction_margins, pushes, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
@@ -24,14 +24,15 @@ _STILL_M = 1e-8
 def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan], findings: Findings) -> None:
     """Judges forces and contacts wherever neither fixture nor support has the object, and that it rests where they do.
 
-    An object at rest on a table is held by the fingers alone, with their pads as twisted as they came to rest, or by
-    what the table bears of it; one that moves there, or is above it, by the fingers.
+    What the table bears counts for an object at rest on it; one that moves there, or is above it, is the fingers'.
     """
     s, task = seen.states, plan.task
     touching = np.sum(seen.digits != FREE, axis=1)
     held = touching >= task.options.min_contacts
+    body, by = _body(plan, scene), None
     if task.options.hold == "equilibrium":
-        balance = _forces(seen, plan, scene, findings)
+        by = _forces(seen, plan, scene, body, findings)
+        balance = unbalanced(s, by, body)
         held &= balance <= 1
     else:
         balance = np.full(len(s.t), np.nan)
@@ -41,8 +42,8 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
     if task.support:
         gap = check_clear(seen, plan, scene, findings)
         lies = (np.abs(gap) * 1000 <= TOLERANCES["contact_mm"]) & ~np.r_[False, moved] & ~np.r_[moved, False]
-        on_table = borne(seen, np.flatnonzero(lies), plan, scene, _body(plan, scene))
-        balance[lies] = np.minimum(balance[lies], on_table)
+        if by is not None:
+            balance[lies] = borne(seen, np.flatnonzero(lies), by, plan, scene, body)
         findings.add("contacts", np.where(lies, np.nan, touching), s.t, s.part, limit=float(task.options.min_contacts))
         findings.add("balance_ratio", balance, s.t, s.part)
         return
@@ -70,8 +71,8 @@ def _ends_held(task: Task) -> bool:
     return last[-1] == "grasp" if last else in_grasp
 
 
-def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.ndarray:
-    """Judges friction and efforts everywhere; (k,) what is unbalanced over its tolerance."""
+def _forces(seen: Observed, plan: Plan, scene: Scene, body: Body, findings: Findings) -> Pushes:
+    """Judges friction and efforts everywhere; what the fingers do."""
     s, task = seen.states, plan.task
     n_O = np.nan_to_num(seen.n_O)
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], n_O)
@@ -79,7 +80,7 @@ def _forces(seen: Observed, plan: Plan, scene: Scene, findings: Findings) -> np.
     slip_W = sliding_velocity(seen)
     findings.add("force_margin", np.where(seen.digits == SLIDE, np.nan, margin), s.t, s.part, plan.fingers)
     findings.add("effort_ratio", np.abs(seen.torque) / scene.hand.effort, s.t, s.part, plan.joints)
-    return unbalanced(s, np.nan_to_num(seen.p_OS), n_O, slip_W, torsion(seen, scene), _body(plan, scene))
+    return pushes(s, np.nan_to_num(seen.p_OS), n_O, slip_W, torsion(seen, scene), body)
 
 
 def _body(plan: Plan, scene: Scene) -> Body:

@@ -16,7 +16,7 @@ from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY, TOLERANCES, TORQUE_LENGTH_M, UNBALANCED_SHARE
 from drake_hand.plans.trajectory import Trajectory
-from drake_hand.verify.balance import Body
+from drake_hand.verify.balance import Body, Pushes
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.observe import CHUNK_SAMPLES, Observed
@@ -26,6 +26,8 @@ _PYRAMID_EDGES = 8
 """Of the pyramid that stands for a friction cone of the table, inside it."""
 _RIM_POINTS = 16
 """Points of a circle that lies on the table."""
+_LEAST_ROOM_NM = 1e-12
+"""Nm between the bounds of a moment: the solver wants some."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,16 +133,16 @@ def _between(gap: np.ndarray, seen: Observed, column: int, room: Callable[[int, 
     return out
 
 
-def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body) -> np.ndarray:
+def borne(seen: Observed, rows: np.ndarray, by: Pushes, plan: Plan, scene: Scene, body: Body) -> np.ndarray:
     """What stays unbalanced of an object at rest on the table, over its tolerance, the table bearing what it can.
 
-    The table pushes at the points it touches, inside friction cones; the fingers push as planned, each with a moment
-    about its normal as far as friction leaves room for one. Forces of the table and moments are those that balance
-    best.
+    The table pushes at the points it touches, inside friction cones. Its forces, and the moments of the fingers' pads,
+    are those that balance best.
 
     Args:
         seen: the plan.
         rows: (m,) samples at which it lies there.
+        by: the fingers.
         plan: the plan.
         scene: its hand and object.
         body: the object.
@@ -148,7 +150,7 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
     Returns:
         (m,) 1 is just tolerable.
     """
-    s, table, outline = seen.states, plan.task.table, _outlines(scene)[scene.object_body.name()]
+    table, outline = plan.task.table, _outlines(scene)[scene.object_body.name()]
     assert table is not None
     a, b = _across(table.up_W)
     angle = 2 * np.pi * np.arange(_PYRAMID_EDGES)[:, None] / _PYRAMID_EDGES
@@ -157,40 +159,27 @@ def borne(seen: Observed, rows: np.ndarray, plan: Plan, scene: Scene, body: Body
     known: dict[bytes, float] = {}
     out = np.empty(len(rows))
     for i, row in enumerate(rows):
-        X, f_W = s.X_WO[row], s.f_W[row]
-        p_OS, n_O = np.nan_to_num(seen.p_OS[row]), np.nan_to_num(seen.n_O[row])
-        on = f_W.any(axis=1)
-        key = np.round(np.concatenate([X.ravel(), f_W.ravel(), p_OS[on].ravel()]), 9).tobytes()
+        X, on = seen.states.X_WO[row], by.f_W[row].any(axis=1)
+        f_W, arm, n_W, least, most = (x[row, on] for x in (by.f_W, by.arm_W, by.n_W, by.least, by.most))
+        key = np.round(np.concatenate([x.ravel() for x in (X, f_W, arm, n_W, least, most)]), 9).tobytes()
         if key not in known:
             com = X[:3, :3] @ body.p_OCom + X[:3, 3]
             feet = np.repeat(outline.feet(X, table), _PYRAMID_EDGES, axis=0)
             push = np.tile(edges, (len(feet) // _PYRAMID_EDGES, 1))
-            arm = p_OS @ X[:3, :3].T + X[:3, 3] - com
-            n_W = n_O @ X[:3, :3].T
-            twist = n_W[on]
-            limit = _moments(f_W[on], twist, body)
             A = np.hstack(
                 [
                     np.vstack([push.T, np.cross(feet - com, push).T / TORQUE_LENGTH_M]),
-                    np.vstack([np.zeros((3, on.sum())), twist.T / TORQUE_LENGTH_M]),
+                    np.vstack([np.zeros((3, on.sum())), n_W.T / TORQUE_LENGTH_M]),
                 ]
             )
             wrench = np.concatenate(
                 [f_W.sum(axis=0) + body.mass * body.gravity, np.cross(arm, f_W).sum(axis=0) / TORQUE_LENGTH_M]
             )
-            low, high = np.r_[np.zeros(len(feet)), -limit], np.r_[np.full(len(feet), np.inf), limit]
+            low, high = np.r_[np.zeros(len(feet)), least], np.r_[np.full(len(feet), np.inf), most + _LEAST_ROOM_NM]
             left = A @ lsq_linear(A, -wrench, (low, high), method="bvls").x + wrench
             known[key] = float(max(np.linalg.norm(left[:3]), np.linalg.norm(left[3:]))) / scale
         out[i] = known[key]
     return out
-
-
-def _moments(f_W: np.ndarray, n_W: np.ndarray, body: Body) -> np.ndarray:
-    """(m,) largest moments about the normals n_W (m, 3) beside forces f_W (m, 3): soft fingers, Nm."""
-    press = -np.sum(f_W * n_W, axis=1)
-    grip = body.friction * np.maximum(press, 0.0)
-    tangential = np.linalg.norm(f_W + press[:, None] * n_W, axis=1)
-    return body.torsion_radius * np.sqrt(np.maximum(grip**2 - tangential**2, 0.0)) + 1e-12
 
 
 def _across(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Task
 from drake_hand.plans.trajectory import Trajectory
-from drake_hand.verify.balance import Body, friction_margins, unbalanced
+from drake_hand.verify.balance import Body, friction_margins, pushes, unbalanced
 from drake_hand.verify.observe import observe
 from drake_hand.verify.torsion import torsion
 
@@ -100,11 +100,12 @@ def test_forces_carry_the_object_as_fast_as_it_moves(plan):
     what = Body(mass=body.mass, p_OCom=body.p_OCom, I_OCom=body.I_OCom, gravity=np.array(plan.task.physics.gravity),
                 friction=0.8, torsion_radius=3e-4)  # fmt: skip
     contacts = np.nan_to_num(seen.p_OS), np.nan_to_num(seen.n_O), np.zeros_like(seen.p_OS), torsion(seen, scene)
+    by = pushes(seen.states, *contacts, what)
     moves = np.linalg.norm(seen.states.V_WO, axis=1) > 0.1
-    heavy = unbalanced(seen.states, *contacts, what)[moves]
+    heavy = unbalanced(seen.states, by, what)[moves]
     s = seen.states
     still_ = dataclasses.replace(s, A_WO=np.zeros_like(s.A_WO), V_WO=np.zeros_like(s.V_WO))
-    lazy = unbalanced(still_, *contacts, what)[moves]
+    lazy = unbalanced(still_, by, what)[moves]
     assert heavy.max() < 0.5
     assert lazy.max() > 1.0
     n_W = np.einsum("kij,kfj->kfi", seen.states.X_WO[:, :3, :3], contacts[1])

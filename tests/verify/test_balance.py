@@ -9,7 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.tolerances import UNBALANCED_SHARE
 from drake_hand.plans.trajectory import States
-from drake_hand.verify.balance import CHECKED_TORSION_SHARES, Body, Torsion, fixture, friction_margins, unbalanced
+from drake_hand.verify.balance import (
+    CHECKED_TORSION_SHARES,
+    Body,
+    Torsion,
+    fixture,
+    friction_margins,
+    pushes,
+    unbalanced,
+)
 
 G = np.array([0.0, 0.0, -9.81])
 
@@ -48,7 +56,7 @@ def states(f_W, X=None, V=None, A=None):
 def ratio(s, p, n, b, slip=None, torsion=None):
     flat = np.zeros(s.f_W.shape[:2])
     none = Torsion(twist=flat, moving=np.ones(len(flat), bool), lever=flat)
-    return unbalanced(s, p, n, np.zeros_like(s.f_W) if slip is None else slip, torsion or none, b)
+    return unbalanced(s, pushes(s, p, n, np.zeros_like(s.f_W) if slip is None else slip, torsion or none, b), b)
 
 
 def test_friction_margin_is_the_part_of_the_cone_left():
