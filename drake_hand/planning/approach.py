@@ -2,6 +2,7 @@
 
 Before the grasp and after the release a fixture or a table holds the object, so balance does not matter and fingers may
 move together: first to points above their contacts, then straight down the normals, so that nothing pushes the object.
+Letting go, a finger that cannot lift off along its normal leans aside; by then it does not press any more.
 """
 
 from __future__ import annotations
@@ -11,10 +12,16 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings, lift_off, travel
+
+_LEAN_RAD = np.pi / 4
+"""How far a finger that lets go may lean from its normal ..."""
+_LEANS = 8
+"""... and to how many sides this is tried."""
 
 
 class PlannedContact(NamedTuple):
@@ -35,7 +42,7 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
         Whether it was possible; if not, the builder is left as it was.
     """
     X = builder.X_WO
-    for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W) for i, c in contacts.items()}, X):
+    for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W[None]) for i, c in contacts.items()}, X):
         down = {i: way[::-1] for i, way in up.items()}
         legs = joint_paths(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:
@@ -48,13 +55,13 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
 
 
 def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray], q_rest: np.ndarray) -> bool:
-    """Lifts touching fingers off along their outward normals n_W (3,) at once, then brings them to q_rest (nq,).
+    """Lifts touching fingers off their outward normals n_W (3,) at once, then brings them to q_rest (nq,).
 
     Returns:
         Whether it was possible; if not, the builder is left as it was.
     """
     X, fingers = builder.X_WO, builder.hand.fingers
-    contacts = {i: (builder.q[fingers[i].columns], n) for i, n in n_W.items()}
+    contacts = {i: (builder.q[fingers[i].columns], _leaning(n)) for i, n in n_W.items()}
     for up in _lifts(clearance, builder.q, contacts, X):
         lifted = builder.q.copy()
         for i, way in up.items():
@@ -106,17 +113,27 @@ def joint_paths(
 def _lifts(
     clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
 ) -> Iterator[dict[int, np.ndarray]]:
-    """Paths (n, m) of fingers from contacts (q (m,), n_W (3,)) to above them, all at once and clear of one another."""
+    """Paths (n, m) of fingers from contacts to above them, all at once and clear of one another.
+
+    Contacts are postures (m,), and directions (d, 3) of which the first that is clear is taken.
+    """
     around = Surroundings(clearance=clearance, X_WO=X_WO)
     for height in (LIFTS_M[1], LIFTS_M[2], LIFTS_M[0]):
         up = {}
-        for i, (at, n_W) in contacts.items():
-            way, able = lift_off(around, i, at[None], n_W[None], height)
-            if not able[0]:
+        for i, (at, directions) in contacts.items():
+            ways, able = lift_off(around, i, np.tile(at, (len(directions), 1)), directions, height)
+            if not able.any():
                 break
-            up[i] = way[0]
+            up[i] = ways[np.argmax(able)]
         if len(up) == len(contacts) and _together(clearance, q, up, X_WO, tip=False):
             yield up
+
+
+def _leaning(n_W: np.ndarray) -> np.ndarray:
+    """(d, 3) unit directions off a contact: its normal, and those that lean to each side."""
+    angle = np.linspace(0, 2 * np.pi, _LEANS, endpoint=False)
+    aside = np.column_stack([np.cos(angle), np.sin(angle)]) @ null_space(n_W[None]).T
+    return np.vstack([n_W, np.cos(_LEAN_RAD) * n_W + np.sin(_LEAN_RAD) * aside])
 
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:

@@ -6,9 +6,10 @@ part of the motion it found.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from drake_hand.errors import Evidence, NoPlanFound
@@ -27,6 +28,17 @@ class Stopped(NoPlanFound):
     def __init__(self, why: NoPlanFound, path: Callable[[], Path]) -> None:
         super().__init__(why.reason, status=why.status, evidence=why.evidence)
         self.path = path
+
+
+def after_the_motion(end: NoPlanFound, failures: Sequence[NoPlanFound]) -> NoPlanFound:
+    """The end of a search, where the motion was found, but a later step failed each time: that is what blocked."""
+    if not isinstance(end, Stopped) or not failures:
+        return end
+    times = "once" if len(failures) == 1 else f"{len(failures)} times"
+    words = "out of time" if end.status == "timeout" else "nothing left to try"
+    why = f"{words}: the motion was found {times}, but then {failures[0].reason}"
+    evidence = msgspec.structs.replace(failures[0].evidence, progress=end.progress, expansions=end.evidence.expansions)
+    return Stopped(NoPlanFound(why, status=end.status, evidence=evidence), end.path)
 
 
 def no_plan(

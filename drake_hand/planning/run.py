@@ -16,6 +16,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import start, steps
+from drake_hand.planning.failure import after_the_motion
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import MOVING_KINDS, still
@@ -98,7 +99,7 @@ class Run:
                 else:
                     yield path
         except NoPlanFound as e:
-            failures.append(e)
+            failures.append(after_the_motion(e, failures))
 
     def _by_itself(self, task: Task, builder: LegBuilder, step: Step) -> LegBuilder:
         """A step that needs no search."""

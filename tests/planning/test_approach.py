@@ -10,6 +10,7 @@ from drake_hand.planning import approach
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.park import park
+from drake_hand.planning.transit import LIFTS_M, Surroundings, lift_off
 from tests.planning.small import clearance, contact, path, scene, table, touch, turn
 
 HAND = "quartet"
@@ -122,6 +123,23 @@ def test_closing_and_opening_lead_to_the_contacts_and_back(pencil):
         s.set(q, X)
         tips = [c.hand.fingers[h.finger].name for h in holds]
         assert not s.penetrations(exclude=tips)
+
+
+def test_a_finger_that_cannot_lift_off_along_its_normal_leans_aside(pencil):
+    """Straight up from this contact its joints are at their limits."""
+    c, X, finger = pencil.clearance, pencil.path.X_WO[0], pencil.clearance.hand.fingers[0]
+    foot, n_O, _ = c.surface.closest(np.array([[-0.0069, -0.0041, 0.0033]]))
+    q, residual = c.kinematics[0].ik((foot + finger.radius * n_O) @ X[:3, :3].T + X[:3, 3])
+    assert residual[0] < 1e-6
+    n_W, around = X[:3, :3] @ n_O[0], Surroundings(clearance=c, X_WO=X)
+    assert not any(lift_off(around, 0, q, n_W[None], height)[1][0] for height in LIFTS_M)
+    builder = waiting(c, X)
+    builder.q[finger.columns] = q[0]
+    builder.make(0, foot[0])
+    assert approach.open_(builder, c, {0: n_W}, park(c, pencil.path, []))
+    tip = c.kinematics[0].fk(builder.legs[0].q[:, finger.columns])[0]
+    away = np.diff((tip - tip[0]) @ n_W)
+    assert (away > 0.5 * np.linalg.norm(np.diff(tip, axis=0), axis=1)).all(), "away from the surface all along"
 
 
 def test_a_finger_waits_clear_of_all_the_object_will_pass():
