@@ -12,16 +12,18 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings, lift_off, travel
-
-_LEAN_RAD = np.pi / 4
-"""How far a finger that lets go may lean from its normal ..."""
-_LEANS = 8
-"""... and to how many sides this is tried."""
+from drake_hand.planning.transit import (
+    LIFTS_M,
+    MOVING_CLEARANCE_M,
+    TRAVEL_STEP_RAD,
+    Surroundings,
+    leaning,
+    lift_off,
+    travel,
+)
 
 
 class PlannedContact(NamedTuple):
@@ -61,7 +63,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
         Whether it was possible; if not, the builder is left as it was.
     """
     X, fingers = builder.X_WO, builder.hand.fingers
-    contacts = {i: (builder.q[fingers[i].columns], _leaning(n)) for i, n in n_W.items()}
+    contacts = {i: (builder.q[fingers[i].columns], leaning(n)) for i, n in n_W.items()}
     for up in _lifts(clearance, builder.q, contacts, X):
         lifted = builder.q.copy()
         for i, way in up.items():
@@ -127,13 +129,6 @@ def _lifts(
             up[i] = ways[np.argmax(able)]
         if len(up) == len(contacts) and _together(clearance, q, up, X_WO, tip=False):
             yield up
-
-
-def _leaning(n_W: np.ndarray) -> np.ndarray:
-    """(d, 3) unit directions off a contact: its normal, and those that lean to each side."""
-    angle = np.linspace(0, 2 * np.pi, _LEANS, endpoint=False)
-    aside = np.column_stack([np.cos(angle), np.sin(angle)]) @ null_space(n_W[None]).T
-    return np.vstack([n_W, np.cos(_LEAN_RAD) * n_W + np.sin(_LEAN_RAD) * aside])
 
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:

@@ -32,10 +32,10 @@ class FingerSwitch:
     """One finger breaks and makes contact elsewhere, makes one, or breaks it and waits; the object rests."""
 
     finger: int
-    height: int
-    """Index of the lift it begins with; of no meaning where the finger does not touch before."""
+    rise: int
+    """Index of the way off its contact that it begins with; of no meaning where the finger does not touch before."""
     landing: int
-    """Index of the lift it lands from, reversed; -1 where it does not land."""
+    """Index of the height it lands from; -1 where it does not land."""
     stop: int
     """Index of the stop-over on its path, or of where it waits; -1 for none."""
     ways: tuple[np.ndarray, ...] | None = None

@@ -7,13 +7,14 @@ their transits turned out to collide in them.
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 
 from drake_hand.planning.kernels import transit
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import FingerSwitch, Node, whole
-from drake_hand.planning.transit import LIFTS_M, TRAVEL_STEP_RAD, Surroundings, detour, lift_off
+from drake_hand.planning.transit import LIFTS_M, TRAVEL_STEP_RAD, Surroundings, detour, leaning, lift_off
 
 POINTS_OFFERED = 200
 """Surface points a switching finger is offered."""
@@ -21,8 +22,8 @@ CONTACTS_TRIED, CONTACTS_KEPT = 14, 4
 """Of those, contacts tried and kept."""
 LEAST_ROOM_SHARE = 0.12
 """A new contact has to roll on at least so far, of 1."""
-LIFT_HEIGHTS_M = np.array(LIFTS_M)
-"""Of lifts, m."""
+_HEIGHTS_M = np.array(LIFTS_M)
+"""Of lifts and landings, m."""
 
 
 def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
@@ -63,9 +64,9 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
     kept: list[Node] = []
     for some in (best[i : i + CONTACTS_KEPT] for i in range(0, len(best), CONTACTS_KEPT)):
         found = _transits(moves, state, finger, q[order[some]], n_W[order[some]])
-        for i, (height, landing, stop) in zip(some, found.tolist(), strict=True):
-            if height >= 0:
-                out[i].move = FingerSwitch(finger=finger, height=height, landing=landing, stop=stop - 1)
+        for i, (rise, landing, stop) in zip(some, found.tolist(), strict=True):
+            if rise >= 0:
+                out[i].move = FingerSwitch(finger=finger, rise=rise, landing=landing, stop=stop - 1)
                 kept.append(out[i])
         if len(kept) >= CONTACTS_KEPT:
             break
@@ -85,7 +86,7 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
         q[finger], touching[finger] = stops[v], False
         if np.array_equal(q, state.q):
             continue
-        move = FingerSwitch(finger=finger, height=int(found[v]), landing=-1, stop=int(v))
+        move = FingerSwitch(finger=finger, rise=int(found[v]), landing=-1, stop=int(v))
         out.append(
             Node(
                 s=state.s,
@@ -103,7 +104,7 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
 
 
 def leaves(moves: Moves, state: Node, finger: int) -> bool:
-    """Whether a finger gets away from its contact: lifted along the normal, and on to where it can wait."""
+    """Whether a finger gets away from its contact: lifted off it, and on to where it can wait."""
     return bool((_ways_off(moves, state, finger) >= 0).any())
 
 
@@ -111,9 +112,7 @@ def _ways_off(moves: Moves, state: Node, finger: int) -> np.ndarray:
     """(V,) the lift with which a finger gets to each of its stops, -1 where none does."""
     stops = moves.grid.stops[finger]
     found = np.full(len(stops), -1, dtype=np.int64)
-    touches, normal = bool(state.touching[finger]), state.n_W[finger]
-    args = moves.world, finger, state.X, state.q, state.q[finger], touches, normal
-    transit.retreats(*args, LIFT_HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
+    transit.retreats(*_departure(moves, state, finger), stops, TRAVEL_STEP_RAD, found)
     return found
 
 
@@ -125,37 +124,44 @@ def switch_between(moves: Moves, before: Node, after: Node, finger: int) -> Fing
 def _retreat(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """The move of a finger to where it waits."""
     found, stop = np.full(1, -1, dtype=np.int64), np.ascontiguousarray(after.q[finger][None])
-    touches, normal = bool(before.touching[finger]), before.n_W[finger]
-    args = moves.world, finger, before.X, before.q, before.q[finger], touches, normal
-    transit.retreats(*args, LIFT_HEIGHTS_M, stop, TRAVEL_STEP_RAD, found)
+    transit.retreats(*_departure(moves, before, finger), stop, TRAVEL_STEP_RAD, found)
     if found[0] < 0:
         return None
     pieces, start = [], before.q[finger]
-    if touches:
-        pieces.append(_lift(moves, before, finger, start, normal, int(found[0])))
+    if before.touching[finger]:
+        pieces.append(_lift(moves, before, finger, start, _rises(before.n_W[finger])[found[0]]))
         start = pieces[0][-1]
     pieces.append(_straight(start, after.q[finger]))
     m = len(moves.clearance.kinematics[finger].lower)
-    return FingerSwitch(finger=finger, height=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
+    return FingerSwitch(finger=finger, rise=-1, landing=-1, stop=-1, ways=tuple(x[:, :m] for x in pieces))
 
 
 def _transits(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.ndarray:
     """(N, 3) as `transit.transits` finds them."""
     found = np.zeros((len(q), 3), dtype=np.int64)
-    touches = bool(state.touching[finger])
-    normal = state.n_W[finger]
     stops = moves.grid.stops[finger]
-    args = moves.world, finger, state.X, state.q, state.q[finger], touches, normal, q, n_W
-    transit.transits(*args, LIFT_HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
+    transit.transits(*_departure(moves, state, finger), q, n_W, _HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
     return found
+
+
+def _departure(moves: Moves, state: Node, finger: int) -> tuple[Any, ...]:
+    """What the kernels ask about a finger that goes away: where it is, what is around it, and how it may lift off."""
+    touches = bool(state.touching[finger])
+    rises = _rises(state.n_W[finger]) if touches else np.zeros((1, 3))
+    return moves.world, finger, state.X, state.q, state.q[finger], touches, rises, len(_HEIGHTS_M)
+
+
+def _rises(n_W: np.ndarray) -> np.ndarray:
+    """(D, 3) ways off a contact of outward normal (3,), m: along it, then leaning aside by the least height."""
+    return np.vstack([_HEIGHTS_M[:, None] * n_W, LIFTS_M[0] * leaning(n_W)[1:]])
 
 
 def direct_switch(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
     """As `switch_between`, without a roadmap."""
     if not after.touching[finger]:
         return _retreat(moves, before, after, finger)
-    height, landing, stop = _transits(moves, before, finger, after.q[finger][None], after.n_W[finger][None])[0].tolist()
-    return None if height < 0 else FingerSwitch(finger=finger, height=height, landing=landing, stop=stop - 1)
+    rise, landing, stop = _transits(moves, before, finger, after.q[finger][None], after.n_W[finger][None])[0].tolist()
+    return None if rise < 0 else FingerSwitch(finger=finger, rise=rise, landing=landing, stop=stop - 1)
 
 
 def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
@@ -174,7 +180,7 @@ def switch_to(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwi
         if able.all():
             pieces = detour(around, finger, up[-1], down[-1])
             ways = None if pieces is None else (up, *pieces, down[::-1])
-            return None if ways is None else FingerSwitch(finger=finger, height=-1, landing=-1, stop=-1, ways=ways)
+            return None if ways is None else FingerSwitch(finger=finger, rise=-1, landing=-1, stop=-1, ways=ways)
     return None
 
 
@@ -188,22 +194,22 @@ def path_pieces(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ..
     pieces: list[np.ndarray] = []
     points = [before.q[f]]
     if before.touching[f]:
-        pieces.append(_lift(moves, before, f, before.q[f], before.n_W[f], move.height))
+        pieces.append(_lift(moves, before, f, before.q[f], _rises(before.n_W[f])[move.rise]))
         points = [pieces[0][-1]]
     if move.stop >= 0:
         points.append(moves.grid.stops[f][move.stop])
     down = None
     if move.landing >= 0:
-        down = _lift(moves, before, f, after.q[f], after.n_W[f], move.landing)[::-1]
+        down = _lift(moves, before, f, after.q[f], LIFTS_M[move.landing] * after.n_W[f])[::-1]
         points.append(down[0])
     pieces += [_straight(a, b) for a, b in itertools.pairwise(points)]
     pieces += [down] if down is not None else []
     return tuple(piece[:, :m] for piece in pieces)
 
 
-def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.ndarray, height: int) -> np.ndarray:
+def _lift(moves: Moves, state: Node, finger: int, q: np.ndarray, rise: np.ndarray) -> np.ndarray:
     way = np.zeros((transit.LIFT_KNOTS, len(q)))
-    transit.lift_path(moves.world, finger, state.X, state.q, q, n_W, LIFTS_M[height], way)
+    transit.lift_path(moves.world, finger, state.X, state.q, q, rise, way)
     return way
 
 

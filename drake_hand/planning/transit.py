@@ -1,7 +1,8 @@
 """Free-finger transit: lift along the normal, travel, land along the normal, clear of everything.
 
-Lifting and landing along the normal neither drags the object nor grazes it. In between, a straight line in joint space
-mostly suffices; otherwise the finger stops over at one of the free postures it could also wait in.
+Lifting and landing along the normal neither drags the object nor grazes it. A finger that cannot lift off like that
+leans aside: by then it does not press any more. In between, a straight line in joint space mostly suffices; otherwise
+the finger stops over at one of the free postures it could also wait in.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ MOVING_CLEARANCE_M = CLEARANCE_M / 2
 """Least clearance along a path, m."""
 LIFTS_M = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
+LEAN_RAD = np.pi / 4
+"""How far a finger that lifts off may lean from its normal ..."""
+LEANS = 8
+"""... and to how many sides this is tried."""
 TRAVEL_STEP_RAD = np.radians(3.0)
 """Joint step between knots and between collision checks of a travel."""
 _MOST_ATTEMPTS = 60
@@ -57,6 +62,15 @@ class Surroundings:
         for j, other in self.others:
             least = np.minimum(least, self.clearance.between(i, centres, j, other))
         return least
+
+
+def leaning(n_W: np.ndarray) -> np.ndarray:
+    """(1 + LEANS, 3) unit directions off a contact: its normal (3,), and those that lean from it to each side."""
+    angle = np.linspace(0, 2 * np.pi, LEANS, endpoint=False)
+    across = np.cross(n_W, np.eye(3)[np.argmin(np.abs(n_W))])
+    across /= np.linalg.norm(across)
+    aside = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), np.cross(n_W, across))
+    return np.vstack([n_W, np.cos(LEAN_RAD) * n_W + np.sin(LEAN_RAD) * aside])
 
 
 def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:

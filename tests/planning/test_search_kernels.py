@@ -257,7 +257,7 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
         others = waiting("quartet")
         others[0], others[1] = mine.q[0], contact(reach, 1, (0.0, 8e-3, z)).q[0]
         found = np.zeros((1, 3), dtype=np.int64)
-        args = m.world, 0, X, others, mine.q[0], True, mine.n_W[0], mine.q[:1].copy(), mine.n_W[:1].copy()
+        args = m.world, 0, X, others, mine.q[0], True, 15e-3 * mine.n_W[:1], 1, mine.q[:1].copy(), mine.n_W[:1].copy()
         transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), TRAVEL_STEP_RAD, found)
         assert (found[0, 0] >= 0) == fine
 

@@ -112,7 +112,7 @@ def contacts(w, f, seeds, points, normals, X, q, p_W, n_W, able):
 
 @njit()
 def lift(w, f, q, n, height, X, way, s):
-    """Writes the path (LIFT_KNOTS, m) of finger f from its contact at q (m,) straight up the normal n (3,).
+    """Writes the path (LIFT_KNOTS, m) of finger f from its contact at q (m,) straight along n (3,), times a height.
 
     Returns:
         Whether it is continuous and clear; the others have to be placed. Its end is clear of the object, tip and all.
@@ -157,28 +157,30 @@ def straight(w, f, a, b, X, step, q, s):
 
 
 @njit()
-def _departures(w, f, X, others, old, touches, n_old, heights, up, able, s):
-    """Places other fingers, and writes paths (H, LIFT_KNOTS, m) off the present contact, and which (H,) are clear."""
+def _departures(w, f, X, others, old, touches, rises, upright, up, able, s):
+    """Places other fingers, and writes paths (D, LIFT_KNOTS, m) off the present contact, and which (D,) are clear."""
     for j in range(len(others)):
         if j != f:
             place(w, j, others[j], s)
-    for h in range(len(heights)):
-        if touches:
-            able[h] = lift(w, f, old, n_old, heights[h], X, up[h], s)
-        else:
-            able[h] = h == 0
-            up[h, LIFT_KNOTS - 1] = old
+    if not touches:
+        able[0] = True
+        up[0, LIFT_KNOTS - 1] = old
+        return
+    for d in range(len(rises)):
+        if d == upright and able[:upright].any():
+            break
+        able[d] = lift(w, f, old, rises[d], 1.0, X, up[d], s)
 
 
 @njit()
 def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
-    """Writes the first height (V,) from which each stop-over (V, m) is reached straight; -1 where none."""
+    """Writes the first departure (V,) after which each stop-over (V, m) is reached straight; -1 where none."""
     for v in range(len(stops)):
         reached[v] = -1
         if clear_alone(w, f, stops[v], False, X, s, w.clearance):
-            for h in range(len(able)):
-                if able[h] and straight(w, f, up[h, LIFT_KNOTS - 1], stops[v], X, step, q, s):
-                    reached[v] = h
+            for d in range(len(able)):
+                if able[d] and straight(w, f, up[d, LIFT_KNOTS - 1], stops[v], X, step, q, s):
+                    reached[v] = d
                     break
 
 
@@ -190,7 +192,8 @@ def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
         float64[:, ::1],
         float64[::1],
         boolean,
-        float64[::1],
+        float64[:, ::1],
+        int64,
         float64[:, ::1],
         float64[:, ::1],
         float64[::1],
@@ -199,7 +202,7 @@ def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
         int64[:, ::1],
     )
 )
-def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, step, found):
+def transits(w, f, X, others, old, touches, rises, upright, new, n_new, heights, stops, step, found):
     """Looks for paths of finger f from where it is to contacts, all else at rest.
 
     Args:
@@ -209,28 +212,29 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
         others: (n, m) posture of the hand.
         old: (m,) where the finger is ...
         touches: ... in contact, so that it lifts first, or not.
-        n_old: (3,) outward normal there.
+        rises: (D, 3) ways off the contact, m ...
+        upright: ... of which those after so many count only where none before is clear.
         new: (N, m) where it goes ...
         n_new: (N, 3) ... and the normals there.
-        heights: (H,) of lifts, m.
+        heights: (H,) of landings, m.
         stops: (V, m) stop-overs, to go round by.
         step: between checks, rad.
-        found: (N, 3) written: index of the first height, of the second, and of the stop-over + 1; -1 where none.
+        found: (N, 3) written: index of the rise, of the height, and of the stop-over + 1; -1 where none.
     """
     s = scratch(w)
-    H, m = len(heights), others.shape[1]
-    up, down, q = np.zeros((H, LIFT_KNOTS, m)), np.zeros((LIFT_KNOTS, m)), np.zeros(m)
-    able, reached = np.zeros(H, np.bool_), np.full(len(stops), -2)
-    _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
+    D, m = len(rises), others.shape[1]
+    up, down, q = np.zeros((D, LIFT_KNOTS, m)), np.zeros((LIFT_KNOTS, m)), np.zeros(m)
+    able, reached = np.zeros(D, np.bool_), np.full(len(stops), -2)
+    _departures(w, f, X, others, old, touches, rises, upright, up, able, s)
     asked = False
     for i in range(len(new)):
         found[i, 0] = found[i, 1] = found[i, 2] = -1
-        for h in range(H):
+        for h in range(len(heights)):
             if not lift(w, f, new[i], n_new[i], heights[h], X, down, s):
                 continue
-            for g in range(H):
-                if able[g] and straight(w, f, up[g, LIFT_KNOTS - 1], down[LIFT_KNOTS - 1], X, step, q, s):
-                    found[i, 0], found[i, 1], found[i, 2] = g, h, 0
+            for d in range(D):
+                if able[d] and straight(w, f, up[d, LIFT_KNOTS - 1], down[LIFT_KNOTS - 1], X, step, q, s):
+                    found[i, 0], found[i, 1], found[i, 2] = d, h, 0
                     break
             if found[i, 0] < 0 and not asked:
                 _to_stops(w, f, X, up, able, stops, step, reached, q, s)
@@ -251,30 +255,30 @@ def transits(w, f, X, others, old, touches, n_old, new, n_new, heights, stops, s
         float64[:, ::1],
         float64[::1],
         boolean,
-        float64[::1],
-        float64[::1],
+        float64[:, ::1],
+        int64,
         float64[:, ::1],
         float64,
         int64[::1],
     )
 )
-def retreats(w, f, X, others, old, touches, n_old, heights, stops, step, found):
+def retreats(w, f, X, others, old, touches, rises, upright, stops, step, found):
     """Looks for paths of finger f to free postures `stops` (V, m), where it may wait.
 
-    The other arguments are those of `transits`; `found` (V,) is written: index of the height, -1 where there is none.
+    The other arguments are those of `transits`; `found` (V,) is written: index of the rise, -1 where there is none.
     """
     s = scratch(w)
-    H, m = len(heights), others.shape[1]
-    up, able = np.zeros((H, LIFT_KNOTS, m)), np.zeros(H, np.bool_)
-    _departures(w, f, X, others, old, touches, n_old, heights, up, able, s)
+    D, m = len(rises), others.shape[1]
+    up, able = np.zeros((D, LIFT_KNOTS, m)), np.zeros(D, np.bool_)
+    _departures(w, f, X, others, old, touches, rises, upright, up, able, s)
     _to_stops(w, f, X, up, able, stops, step, found, np.zeros(m), s)
 
 
-@njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, ::1]))
-def lift_path(w, f, X, others, q, n, height, way):
-    """Writes the path (LIFT_KNOTS, m) of a lift; see `lift`. What is in the way is not reported."""
+@njit((WORLD, int64, float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1]))
+def lift_path(w, f, X, others, q, rise, way):
+    """Writes the path (LIFT_KNOTS, m) of a lift by (3,); see `lift`. What is in the way is not reported."""
     s = scratch(w)
     for j in range(len(others)):
         if j != f:
             place(w, j, others[j], s)
-    lift(w, f, q, n, height, X, way, s)
+    lift(w, f, q, rise, 1.0, X, way, s)
