@@ -30,10 +30,10 @@ def _take(fingers, p, n, J, row, stepped, without, s, mask):
 
 
 @njit()
-def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask):
-    """Of a row with some fingers stepped back (bits), without one slot (-1: with all)."""
+def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask, enough):
+    """Of a row with some fingers stepped back (bits), without one slot (-1: with all); up to `enough`, see `held`."""
     _take(fingers, p, n, J, row, stepped, without, s, mask)
-    return held(w, load, mask, X, s, np.inf)
+    return held(w, load, mask, X, s, enough)
 
 
 @njit()
@@ -60,7 +60,7 @@ def margins_together(w, load, X, fingers, p, n, J, rows, stepped, margin):
     s, mask = scratch(w), np.zeros(len(w.chains.radius), np.bool_)
     everyone = (1 << len(fingers)) - 1 if stepped else 0
     for i in range(len(rows)):
-        margin[i] = _margin(w, load, X, fingers, p, n, J, rows[i], everyone, -1, s, mask)
+        margin[i] = _margin(w, load, X, fingers, p, n, J, rows[i], everyone, -1, s, mask, np.inf)
 
 
 @njit(
@@ -102,13 +102,15 @@ def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
         last[i] = -1
         whole[:] = np.nan
         width[:] = -np.inf
+        most = np.inf
         for u in (0, everyone):
-            whole[u] = _margin(w, load, X, fingers, p, n, J, row, u, -1, s, mask)
+            whole[u] = _margin(w, load, X, fingers, p, n, J, row, u, -1, s, mask, most)
+            most = whole[0]
             if whole[u] < least:
                 break
         if not (whole[everyone] >= least) or not _apart(w, fingers, q, row, s):
             continue
-        width[0] = whole[0]
+        width[0] = min(most, whole[everyone])
         for u in range(everyone):  # a set comes after all its subsets
             if width[u] < least or width[u] == -np.inf:
                 continue
@@ -116,11 +118,11 @@ def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
                 v = u | (1 << slot)
                 if v == u or width[u] <= width[v]:
                     continue
-                value = min(width[u], _margin(w, load, X, fingers, p, n, J, row, u, slot, s, mask))
+                value = min(width[u], _margin(w, load, X, fingers, p, n, J, row, u, slot, s, mask, width[u]))
                 if value < least or value <= width[v]:
                     continue
                 if np.isnan(whole[v]):
-                    whole[v] = _margin(w, load, X, fingers, p, n, J, row, v, -1, s, mask)
+                    whole[v] = _margin(w, load, X, fingers, p, n, J, row, v, -1, s, mask, width[0])
                 value = min(value, whole[v])
                 if value >= least and value > width[v]:
                     width[v], last[i, v] = value, slot
