@@ -3,6 +3,7 @@
     python benchmarks/replays.py turns --only "spin 360 deg" --runs 20
     python benchmarks/replays.py turns --only "spin 360 deg" --runs 50 --engine mujoco --feedback
     python benchmarks/replays.py palms objects
+    python benchmarks/replays.py tables --seed 2
     python benchmarks/replays.py allegro --runs 20 --models ../shared/models
 
 Each plan is replayed once as planned, and with ``--runs N`` N times more with friction, mass and stiffness up to 20 %
@@ -27,7 +28,7 @@ from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.physics.engine import EngineName
 from drake_hand.physics.runs import Replay, simulate
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Vector
+from drake_hand.plans.task import Grasp, Options, Physics, Pose, Release, Rotate, Step, Support, Task, Translate, Vector
 
 PALMS: dict[str, Vector] = {
     "up": (-9.81, 0.0, 0.0),
@@ -107,6 +108,28 @@ def objects(_: Path) -> Iterator[Case]:
     yield "cube 90 deg", turn("kanguera", "cube", NORMAL, PALMS["up"])
 
 
+def tables(_: Path) -> Iterator[Case]:
+    """From a table and back, palm down: lifted by 30 mm; and the cube turned by 90 deg up there."""
+    up, down = (Step(translate=Translate(by_mm=(x, 0.0, 0.0))) for x in (-30.0, 30.0))
+    for label, object_, plane, moves in (
+        ("cube up and down", "cube", -107.0, [up, down]),
+        ("pencil r 12 mm up and down", "pencil_r12", -86.0, [up, down]),
+        ("cube up, 90 deg about the vertical, down", "cube", -107.0, [up, Step(rotate=NORMAL), down]),
+    ):
+        yield (
+            label,
+            Task(
+                hand="kanguera",
+                object=object_,
+                start="auto",
+                support=Support(plane_mm=plane),
+                motion=[Step(grasp=Grasp()), *moves, Step(release=Release())],
+                physics=Physics(gravity=PALMS["down"]),
+                options=Options(time_limit_s=120.0),
+            ),
+        )
+
+
 def allegro(models: Path) -> Iterator[Case]:
     """The Allegro hand, palm up: a stick and a cube of 65 mm by 90 deg."""
     with hand_file(ALLEGRO, models) as hand:
@@ -147,14 +170,14 @@ def kinematic(_: Path) -> Iterator[Case]:
 
 
 GROUPS: dict[str, Callable[[Path], Iterator[Case]]] = {
-    f.__name__: f for f in (turns, palms, objects, allegro, trifinger, kinematic)
+    f.__name__: f for f in (turns, palms, objects, tables, allegro, trifinger, kinematic)
 }
 
 
-def row(label: str, task: Task, runs: int, engine: EngineName, feedback: PoseSensor | None) -> str:
+def row(label: str, task: Task, seed: int, runs: int, engine: EngineName, feedback: PoseSensor | None) -> str:
     """Plans, certifies and replays one case."""
     try:
-        result = api.solve(task)
+        result = api.solve(task, seed=seed)
     except NoPlanFound as e:
         return f"| {label} | none: {e.reason} | | | | | | |"
     plan = result.plan
@@ -210,6 +233,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("groups", nargs="+", choices=GROUPS, metavar="GROUP", help=", ".join(GROUPS))
     parser.add_argument("--runs", type=int, default=0, help="perturbed replays of each plan")
+    parser.add_argument("--seed", type=int, default=0, help="of planning")
     parser.add_argument("--engine", choices=("drake", "mujoco"), default="drake")
     parser.add_argument(
         "--feedback", action="store_true", help="the object seen and corrected, with the default sensor"
@@ -226,7 +250,7 @@ def main() -> None:
     for group in options.groups:
         for label, task in GROUPS[group](options.models):
             if options.only in label:
-                print(row(label, task, options.runs, options.engine, feedback), flush=True)
+                print(row(label, task, options.seed, options.runs, options.engine, feedback), flush=True)
 
 
 if __name__ == "__main__":

@@ -79,18 +79,24 @@ def from_grasps(
         enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.search.straight for x in free))
         if enough or time.monotonic() > problem.deadline:
             break
-    if problem.task.start == "auto" and not begun:
-        with problem.stage("grasp"):
-            free += _beside(problem, free, wanted, moving, then)
-    straight = any(x.search.straight for x in free)
-    free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
-    for x, end in [] if straight else _gaits(problem, free):
-        yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
+    _most_promising_first(free)
+    if not (straight := any(x.search.straight for x in free)):
+        for x, end in _gaits(problem, free):
+            yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
+        if problem.task.start == "auto" and not begun:
+            with problem.stage("grasp"):
+                free += _beside(problem, free, wanted, moving, then)
+            _most_promising_first(free)
+            straight = any(x.search.straight for x in free)
     with problem.stage("grasp"):
         both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
     yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + others, failures)
+
+
+def _most_promising_first(free: list[Attempt]) -> None:
+    free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
 
 
 def _free(
@@ -120,7 +126,7 @@ def _beside(
     Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
     """
     best = max(free, key=lambda x: x.search.lasting, default=None)
-    if best is None or best.search.lasting < NEARLY_LASTING_SHARE or any(x.search.straight for x in free):
+    if best is None or best.search.lasting < NEARLY_LASTING_SHARE:
         return []
     found: list[Attempt] = []
     rng = np.random.default_rng(problem.task.options.seed)
