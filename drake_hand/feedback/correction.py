@@ -10,6 +10,7 @@ import numpy as np
 from drake_hand.feedback.estimate import Estimate
 from drake_hand.feedback.kinematics import Followers
 from drake_hand.feedback.pose import PoseSeen
+from drake_hand.feedback.sensor import PoseSensor
 from drake_hand.feedback.sight import unseen_turns
 from drake_hand.feedback.tube import Tube
 from drake_hand.model.hand import Hand
@@ -23,8 +24,11 @@ GRID_S = 0.01
 CORRECTION_RATE_PER_S = 2.0
 """Share of the object's error that is taken back a second, 1/s."""
 UNSURE_RAD, UNSURE_M = np.radians(0.5), 0.25e-3
-"""Errors that cannot be distinguished from noise, twice what is left of 1 deg and 0.5 mm of it; what is beyond is
-corrected. Contacts that follow noise are where they should not be, and use up friction."""
+"""Errors that cannot be distinguished from noise, twice what is left of that of a `PoseSensor` as it is; of more noise,
+the root of so much more is left. What is beyond is corrected. Contacts that follow noise are where they should not be,
+and use up friction."""
+LEAST_NOISE_RAD, LEAST_NOISE_M = np.radians(0.1), 0.05e-3
+"""No sensor is believed to see better than that."""
 TWIST_LIMIT = np.array([0.35, 0.35, 0.35, 0.01, 0.01, 0.01])
 """Twist with which the object is brought back at most, rad/s and m/s."""
 LANDING_RATE_PER_S = 8.0
@@ -69,13 +73,14 @@ class Correction:
     plan's :class:`Tube`; what that does not allow now is left for the next regrasp.
     """
 
-    def __init__(self, plan: Plan, hand: Hand, object_: Object) -> None:
+    def __init__(self, plan: Plan, hand: Hand, object_: Object, sensor: PoseSensor | None = None) -> None:
         """Computes everything that does not depend on measurements.
 
         Args:
             plan: certified.
             hand: it was made for.
             object_: likewise.
+            sensor: whose noise is expected, as good as `PoseSensor` if not given.
 
         Raises:
             InputError: the plan is not certified, or never holds the object.
@@ -94,7 +99,12 @@ class Correction:
         unseen = unseen_turns(object_)
         self._seen_O = np.eye(3) - unseen.T @ unseen
         self._p_OM = np.linalg.solve(grid.X_WO[0], np.append(grid.p_WM[0], 1.0))[:3]
-        self._dq, self._estimate = np.zeros(hand.nq), Estimate()
+        sensor, usual = sensor or PoseSensor(), PoseSensor()
+        turn = max(np.radians(sensor.noise_deg), LEAST_NOISE_RAD)
+        shift = max(sensor.noise_mm * 1e-3, LEAST_NOISE_M)
+        self._unsure_rad = UNSURE_RAD * math.sqrt(turn / np.radians(usual.noise_deg))
+        self._unsure_m = UNSURE_M * math.sqrt(shift / (usual.noise_mm * 1e-3))
+        self._dq, self._estimate = np.zeros(hand.nq), Estimate(np.repeat([turn, shift], 3))
         self._times, self._thought = np.full(_MEMORY_TICKS, -np.inf), np.zeros((_MEMORY_TICKS, 6))
         self._tick, self._last, self._last_look, self._believed = 0, 0.0, -np.inf, 0.0
         self._saturated = False
@@ -181,7 +191,7 @@ class Correction:
         """The error as far as it can be distinguished from noise, and is corrected in this part."""
         most = self._tube.turn[self._follow.part[row]]
         out = self._estimate.error.copy()
-        for part, unsure, at_most in ((slice(0, 3), UNSURE_RAD, most), (slice(3, 6), UNSURE_M, np.inf)):
+        for part, unsure, at_most in ((slice(0, 3), self._unsure_rad, most), (slice(3, 6), self._unsure_m, np.inf)):
             size = float(np.linalg.norm(out[part]))
             out[part] *= min(max(size - unsure, 0.0), at_most) / max(size, 1e-12)
         return out

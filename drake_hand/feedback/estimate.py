@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-NOISE_RAD, NOISE_M = np.radians(1.0), 0.5e-3
-"""Standard deviation of a measurement along and about each axis, as `PoseSensor` has it where nothing else is said."""
 _START_RAD, _START_M = np.radians(3.0), 1.5e-3
 """How far the object may be off before anything was seen, standard deviation."""
 _WANDER_RAD_SQRT_S, _WANDER_M_SQRT_S = np.radians(0.55), 0.27e-3
@@ -27,16 +25,19 @@ class Estimate:
     centre, in W); its drift per planned turn, since tips that roll on yielding pads turn an object by a few per cent
     too much or too little; and the time by which it lags behind the plan, since servos do. Without the last, an object
     that turns at 8 rad/s would seem to be 5 deg off for 10 ms of lag, which are gone when it comes to rest.
+
+    Args:
+        noise: (6,) standard deviation of a measurement about and along each axis, rad and m; above 0.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, noise: np.ndarray) -> None:
         self._x, self._P = np.zeros(8), np.zeros((8, 8))
         self._Q = np.diag(
             [_WANDER_RAD_SQRT_S**2] * 3
             + [_WANDER_M_SQRT_S**2] * 3
             + [_DRIFT_WANDER_SHARE_SQRT_S**2, _LAG_WANDER_S_SQRT_S**2]
         )
-        self._R = np.diag([NOISE_RAD**2] * 3 + [NOISE_M**2] * 3)
+        self._R = np.diag(noise**2)
         self._P[_DRIFT, _DRIFT], self._P[_LAG, _LAG] = _DRIFT_SHARE**2, _LAG_S**2
         self.forget()
 

@@ -67,7 +67,7 @@ def replay(
     free, end = windows[0][0], windows[-1][1]
     trajectory = Trajectory(plan)
     physics = _engine(engine, contact, plan, hand, object_, trajectory, perturbation)
-    correction = Correction(plan, hand, object_) if feedback else None
+    correction = Correction(plan, hand, object_, feedback) if feedback else None
     sensor = SimulatedSensor(feedback or PoseSensor(), sensor_seed)
     end += correction.linger_s if correction else 0.0
     times = np.arange(0.0, end + (REST_S if end >= plan.duration else 0.0) + SAMPLE_S / 2, SAMPLE_S)

@@ -53,13 +53,24 @@ def carried(plan, by_m, start=1.0):
     return certified(msgspec.structs.replace(plan, parts=[moved], certificate=None))
 
 
-def play(plan, error, *, sensor=EXACT, drift=None, stamp=lambda seen, t: seen, until=4.0, watch=None, object_=PENCIL):
+def play(
+    plan,
+    error,
+    *,
+    sensor=EXACT,
+    drift=None,
+    stamp=lambda seen, t: seen,
+    until=4.0,
+    watch=None,
+    object_=PENCIL,
+    told=None,
+):
     """Plays a plan in a world where the object is off by a twist that only the fingers can change.
 
     Returns:
         The correction, and the error (k, 6) at every tick.
     """
-    correction = Correction(plan, HAND, object_)
+    correction = Correction(plan, HAND, object_, told)
     trajectory, eyes = Trajectory(plan), SimulatedSensor(sensor, 1)
     follow, dq, errors = correction._follow, np.zeros(HAND.nq), []
     error = np.array(error, dtype=float)
@@ -87,6 +98,12 @@ def sure(monkeypatch):
     """Every error is taken for real, as these sensors without noise deserve."""
     monkeypatch.setattr(module, "UNSURE_RAD", 0.0)
     monkeypatch.setattr(module, "UNSURE_M", 0.0)
+
+
+def test_fingers_follow_the_noise_of_a_sensor_less_if_it_is_told():
+    noisy, plan = PoseSensor(noise_mm=2.0, noise_deg=4.0), certified(held_plan())
+    moved = [play(plan, np.zeros(6), sensor=noisy, told=told)[0].report.largest_mm for told in (None, noisy)]
+    assert moved[1] < 0.75 * moved[0]
 
 
 def test_the_object_is_brought_back_where_it_should_be(plan, sure):

@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
-from drake_hand.feedback.estimate import NOISE_RAD, Estimate
+from drake_hand.feedback.estimate import Estimate
 
 TICK, LOOK_TICKS, LATE_TICKS = 0.01, 3, 3
 AXIS = np.array([0.0, 0.6, 0.8])
+NOISE = np.repeat([np.radians(1.0), 0.5e-3], 3)
 
 
-def turn(*, drift=0.0, lag_s=0.0, off_rad=0.0, speed=8.0, noise=1.0, seconds=6.0, told_speed=1.0):
+def turn(*, drift=0.0, lag_s=0.0, off_rad=0.0, speed=8.0, noise=1.0, seconds=6.0, told_speed=1.0, told_noise=1.0):
     """Strokes of 0.2 s with rests of 0.3 s between them, seen with noise of 1 deg, late.
 
     Returns:
         The estimate; its errors beside the true ones (k, 2, 6), rad and m.
     """
-    rng, estimate = np.random.default_rng(3), Estimate()
+    rng, estimate = np.random.default_rng(3), Estimate(told_noise * NOISE)
     error, seen, both, thoughts, rates = np.append(off_rad * AXIS, np.zeros(3)), [], [], [], []
     for k in range(round(seconds / TICK)):
         w = AXIS * speed * (k % 50 < 20)
@@ -24,7 +25,7 @@ def turn(*, drift=0.0, lag_s=0.0, off_rad=0.0, speed=8.0, noise=1.0, seconds=6.0
         thoughts.append(estimate.error.copy())
         rates.append(w)
         there = error - np.append(lag_s * w, np.zeros(3))
-        seen.append(there + noise * rng.normal(size=6) * np.repeat([NOISE_RAD, 0.5e-3], 3))
+        seen.append(there + noise * rng.normal(size=6) * NOISE)
         if k % LOOK_TICKS == 0 and k >= LATE_TICKS:
             at = k - LATE_TICKS
             change = estimate.look(seen[at], thoughts[at], rates[at] * told_speed)
@@ -57,7 +58,7 @@ def test_without_the_planned_turn_it_knows_neither():
 
 
 def test_the_first_look_is_believed_most_and_noise_is_averaged():
-    estimate = Estimate()
+    estimate = Estimate(NOISE)
     change = estimate.look(np.array([0.1, 0, 0, 1e-3, 0, 0]), np.zeros(6), np.zeros(3))
     assert 0.08 < change[0] < 0.1
     assert 0.8e-3 < change[3] < 1e-3
@@ -74,3 +75,11 @@ def test_what_is_forgotten_is_the_error_and_not_why_there_was_one():
     assert estimate.drift == learnt
     change = estimate.look(np.array([0.1, 0, 0, 0, 0, 0]), np.zeros(6), np.zeros(3))
     assert change[0] > 0.08
+
+
+def test_a_noisy_sensor_is_believed_less_if_that_is_told():
+    rms = {
+        told: np.sqrt(np.mean(off_deg(turn(noise=5.0, seconds=12.0, told_noise=told)[1])[-600:] ** 2))
+        for told in (1, 5)
+    }
+    assert rms[5] < 0.75 * rms[1]
