@@ -207,9 +207,8 @@ class Surface:
         p, n = self._all_over
         R = X_OO[:3, :3]
         for step in (len(p) // 40 + 1, 1):  # what does not look the same mostly shows at a few points
-            some = slice(None, None, step)
-            _, n_O, off = self.closest(p[some] @ R.T + X_OO[:3, 3])
-            if np.abs(off).max() >= SAME_M or np.einsum("ni,ni->n", n_O, n[some] @ R.T).min() <= SAME_COS:
+            _, n_O, off = self.closest(p[::step] @ R.T + X_OO[:3, 3])
+            if np.abs(off).max() >= SAME_M or np.einsum("ni,ni->n", n_O, n[::step] @ R.T).min() <= SAME_COS:
                 return False
         return True
 
