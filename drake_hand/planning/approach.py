@@ -57,7 +57,7 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
 
 
 def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray], q_rest: np.ndarray) -> bool:
-    """Lifts touching fingers off their outward normals n_W (3,) at once, then brings them to q_rest (nq,).
+    """Lifts touching fingers, by outward normal n_W (3,), off at once, then brings them to q_rest (nq,).
 
     Returns:
         Whether it was possible; if not, the builder is left as it was.

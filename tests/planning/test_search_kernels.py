@@ -13,8 +13,8 @@ from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
-from drake_hand.planning.switches import draw_retreats, draw_switches, path_pieces
-from drake_hand.planning.transit import MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
+from drake_hand.planning.switches import _rises, draw_retreats, draw_switches, path_pieces
+from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
 from tests.contact.plain_rolling import roll
 from tests.planning.small import (
@@ -260,6 +260,22 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
         args = m.world, 0, X, others, mine.q[0], True, 15e-3 * mine.n_W[:1], 1, mine.q[:1].copy(), mine.n_W[:1].copy()
         transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), TRAVEL_STEP_RAD, found)
         assert (found[0, 0] >= 0) == fine
+
+
+def test_a_finger_at_its_limits_leans_aside_to_get_away():
+    """The contact of `test_approach` from which there is no lift along the normal."""
+    m = moves("quartet", "pencil_r8", path("quartet", turn(2.5)))
+    c, X = m.clearance, m.path.X_WO[0]
+    foot, n_O, _ = c.surface.closest(np.array([[-0.0069, -0.0041, 0.0033]]))
+    q, _ = c.kinematics[0].ik((foot + c.hand.fingers[0].radius * n_O) @ X[:3, :3].T + X[:3, 3])
+    others, rises, stops = waiting("quartet"), _rises(X[:3, :3] @ n_O[0]), m.grid.stops[0]
+    others[0] = q[0]
+    for some in (rises[: len(LIFTS_M)], rises):
+        found = np.zeros(len(stops), dtype=np.int64)
+        args = m.world, 0, np.ascontiguousarray(X[:3]), others, q[0], True, np.ascontiguousarray(some), len(LIFTS_M)
+        transit.retreats(*args, stops, TRAVEL_STEP_RAD, found)
+        assert (found >= 0).any() == (len(some) > len(LIFTS_M))
+    assert set(found[found >= 0]) <= set(range(len(LIFTS_M), len(rises)))
 
 
 def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
