@@ -113,11 +113,19 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
     assert beside == best, "each step is taken from the best so far"
 
 
-def test_none_beside_are_tried_where_another_lasts(monkeypatch):
-    """The first lasts as long, but the hand cannot close on it."""
-    some = [SimpleNamespace(task=k, search=SimpleNamespace(lasting=1.0, straight=k == 1)) for k in range(2)]
-    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: pytest.fail("tried"))
-    assert searches._beside(problem_of("auto"), some, Grasp(), [], []) == []
+@pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
+def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
+    def grasps(problem, task, *_):
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
+
+    told = []
+    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some: told.append("gaits") or [])
+    monkeypatch.setattr(searches, "_beside", lambda problem, *_: told.append("beside") or [])
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: iter(()))
+    assert list(searches.from_grasps(problem_of("auto"), list(range(40)), Grasp(), [], [])) == []
+    assert told == asked
 
 
 def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):

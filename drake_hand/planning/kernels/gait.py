@@ -14,6 +14,8 @@ from drake_hand.planning.kernels.clear import apart, place
 from drake_hand.planning.kernels.hold import held
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
+_MORE_N = 1e-6
+"""By which margins are followed beyond what matters, so that rounding does not matter."""
 _POOLS = (int64[::1], float64[:, :, :, ::1], float64[:, :, :, ::1], float64[:, :, :, :, ::1])
 
 
@@ -33,7 +35,7 @@ def _take(fingers, p, n, J, row, stepped, without, s, mask):
 def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask, enough):
     """Of a row with some fingers stepped back (bits), without one slot (-1: with all); up to `enough`, see `held`."""
     _take(fingers, p, n, J, row, stepped, without, s, mask)
-    return held(w, load, mask, X, s, enough)
+    return held(w, load, mask, X, s, enough + _MORE_N)
 
 
 @njit()
