@@ -42,7 +42,7 @@ def turn(axis: tuple[float, float, float], angle: float, frame: Literal["wrist",
 
 
 TASKS = {
-    "cube 50 mm, 360 deg about x": task("cube", turn(X, 360.0), limit=60.0),
+    "cube 50 mm, 360 deg about x": task("cube", turn(X, 360.0)),
     "cube 50 mm, 360 deg about y": task("cube", turn(Y, 360.0)),
     "cube 50 mm, 360 deg about x, thumb up": task("cube", turn(X, 360.0), gravity=THUMB),
     "cube 50 mm, 90 deg about x, palm down": task("cube", turn(X, 90.0), gravity=DOWN),
