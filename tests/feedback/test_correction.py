@@ -104,6 +104,15 @@ def test_fingers_follow_the_noise_of_a_sensor_less_if_it_is_told():
     noisy, plan = PoseSensor(noise_mm=2.0, noise_deg=4.0), certified(held_plan())
     moved = [play(plan, np.zeros(6), sensor=noisy, told=told)[0].report.largest_mm for told in (None, noisy)]
     assert moved[1] < 0.75 * moved[0]
+    X_WO = Trajectory(plan).at(0.0).X_WO[0].copy()
+    X_WO[0, 3] += 2e-3
+    believed = []
+    for told in (None, noisy):
+        correction = Correction(plan, HAND, PENCIL, told)
+        for t in (0.0, TICK):
+            correction.step(t, PoseSeen(t=t, X_WO=X_WO))
+        believed.append(np.linalg.norm(correction.error[3:]))
+    assert believed[1] < 0.6 * believed[0]
 
 
 def test_the_object_is_brought_back_where_it_should_be(plan, sure):
