@@ -14,8 +14,9 @@ from typing import Protocol
 
 import can
 
-_VALUES = struct.Struct("<ddd8s")
-_NOW, _PLAN_TIME, _DUE, _PLAN = 0, 8, 16, 24
+_VALUES = struct.Struct("=ddd8s")
+_NOW, _PLAN_TIME, _DUE, _PLAN = range(4)
+"""Places of 8 bytes."""
 _MISSED_S = 0.05
 """Of the computer's time, after which a ring of the bell that was missed is made up for."""
 
@@ -74,7 +75,9 @@ class SharedClock:
 
     def __init__(self, file: Path) -> None:
         with file.open("r+b") as f:
-            self._map = mmap.mmap(f.fileno(), _VALUES.size)
+            shared = memoryview(mmap.mmap(f.fileno(), _VALUES.size))
+            # struct writes zeros before a value, and the other end reads them; a view writes it at once
+            self._values, self._words = shared.cast("d"), shared.cast("Q")
             self.channel = f.read()[_VALUES.size :].decode()
             """Of ``udp_multicast``: the bus that uses this clock."""
         self._bell = os.open(_bell(file), os.O_RDWR | os.O_NONBLOCK)
@@ -124,23 +127,29 @@ class SharedClock:
 
     def tell(self, plan: str, plan_time: float) -> None:
         """Lets the other end know where in a plan, known by its hash, the motion is."""
-        struct.pack_into("8s", self._map, _PLAN, plan[:8].encode())
+        if not self.tells_of(plan):
+            self._put(_PLAN_TIME, math.nan)
+            self._words[_PLAN] = _word(plan)
         self._put(_PLAN_TIME, plan_time)
 
     def tells_of(self, plan: str) -> bool:
         """Whether the last message is about this plan, by its hash."""
-        return struct.unpack_from("8s", self._map, _PLAN)[0] == plan[:8].encode()
+        return self._words[_PLAN] == _word(plan)
 
     @property
     def plan_time(self) -> float:
         """The last message."""
         return self._get(_PLAN_TIME)
 
-    def _get(self, at: int) -> float:
-        return struct.unpack_from("<d", self._map, at)[0]
+    def _get(self, place: int) -> float:
+        return self._values[place]
 
-    def _put(self, at: int, value: float) -> None:
-        struct.pack_into("<d", self._map, at, value)
+    def _put(self, place: int, value: float) -> None:
+        self._values[place] = value
+
+
+def _word(plan: str) -> int:
+    return int.from_bytes(plan[:8].encode(), "little")
 
 
 def _bell(file: Path) -> Path:

@@ -1,5 +1,6 @@
 """Master and drives on one clock, which waits for both; what the motors move pushes back."""
 
+import multiprocessing
 import threading
 import time
 from contextlib import contextmanager
@@ -136,3 +137,24 @@ def test_a_master_that_is_gone_is_not_waited_for(tmp_path, monkeypatch):
         assert set(sim.states.values()) == {DriveState.QUICK_STOP_ACTIVE}
     assert answer["faults"][0]["kind"] == "bus"
     assert len(answer["not_disabled"]) == 15
+
+
+def _set_for_ever(file):
+    clock = SharedClock(file)
+    while True:
+        clock.set(1.0)
+        clock.set(2.0)
+
+
+def test_the_clock_is_never_read_half_set(tmp_path):
+    """Zeros that were seen while it was being set looked like a heartbeat long ago, and stopped one run in eight."""
+    clock = SharedClock.create(tmp_path / "clock")
+    other = multiprocessing.get_context("spawn").Process(target=_set_for_ever, args=(tmp_path / "clock",), daemon=True)
+    other.start()
+    try:
+        while not clock.now():
+            time.sleep(0.01)
+        assert {clock.now() for _ in range(1_000_000)} == {1.0, 2.0}
+    finally:
+        other.kill()
+        other.join()
