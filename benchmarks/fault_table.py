@@ -1,7 +1,9 @@
 """Every row of the fault table, many times, at random moments of a motion: do the invariants hold, how fast is it?
 
     python benchmarks/fault_table.py --seeds 20 [--markdown docs/faults.md]
+    python benchmarks/fault_table.py --seeds 20 --held spin_fast.plan.json
 
+With ``--held``, the motors move a hand in physics, and the fault happens while it holds the plan's object.
 tests/epos/fault_trials.py says how a run goes and what is measured.
 """
 
@@ -15,11 +17,17 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "epos"))
-from fault_trials import CASES, run_case
+from fault_trials import CASES, Held, run_case
+
+from drake_hand.plans.holds import hold_windows
+from drake_hand.plans.plan import Plan
+
+_BEFORE_END_S = 0.5
+"""A fault noticed later than that after it happened would come after the plan."""
 
 
-def table(seeds: int, say: Callable[[str], None]) -> tuple[str, int]:
-    """Runs all rows.
+def table(seeds: int, say: Callable[[str], None], held: Held | None) -> tuple[str, int]:
+    """Runs all rows, with something in the hand or without.
 
     Returns:
         The table as markdown, with a line that counts the runs repeated because this machine, not the fault, stopped
@@ -33,11 +41,11 @@ def table(seeds: int, say: Callable[[str], None]) -> tuple[str, int]:
     for case in CASES:
         outcomes = []
         for seed in range(seeds):
-            outcome = run_case(case, seed)
+            outcome = run_case(case, seed, held=held)
             while outcome.disturbed and not outcome.violations:
                 say(f"{case.name}, seed {seed}: run again, stopped before by: {outcome.disturbed}")
                 disturbed += 1
-                outcome = run_case(case, seed)
+                outcome = run_case(case, seed, held=held)
             outcomes.append(outcome)
             broken += bool(outcome.violations)
             for violation in outcome.violations:
@@ -58,9 +66,12 @@ def main() -> int:
     """Prints the table; exit status 1 when an invariant did not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--held", type=Path, help="certified plan of the bundled hand that holds an object at its end")
     parser.add_argument("--markdown", type=Path, help="replace the table in this file")
     arguments = parser.parse_args()
-    text, broken = table(arguments.seeds, lambda line: print(line, file=sys.stderr, flush=True))
+    plan = arguments.held and Plan.load(arguments.held)
+    held = plan and Held(plan=plan, window=(hold_windows(plan)[0][0], plan.duration - _BEFORE_END_S))
+    text, broken = table(arguments.seeds, lambda line: print(line, file=sys.stderr, flush=True), held)
     print(text)
     print(f"\n{broken} of {len(CASES) * arguments.seeds} runs broke an invariant")
     if arguments.markdown:

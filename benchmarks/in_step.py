@@ -5,7 +5,8 @@
 Friction, mass and stiffness are within 20 %, as in ``simulate --runs``. Success: not dropped, not stopped by the
 monitor of contact forces or anything else, at the end within 1 mm, 3 deg of tilt and 8 deg of turn. The factor to real
 time is that of this computer and what else it does; the one in brackets counts the seconds of processor that drives and
-physics took.
+physics took. Last, how near the run came to a fault of its grip: the longest time one finger pressed too little and too
+hard, and the least that all pressed together (``epos/grip.py``).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def main() -> int:
     options = parser.parse_args()
     plan, drives = Plan.load(options.plan), Drives.load()
     q, good = Schedule.build(plan, drives).q[0], 0
-    print("run         position mm  tilt deg  turn deg   x slower than real time")
+    print("run         position mm  tilt deg  turn deg   x slower than real time   grip: lost s  hard s  together")
     for seed in range(options.seed, options.seed + options.runs):
         name = options.logs / f"{seed}" if options.logs else None
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -45,6 +46,7 @@ def main() -> int:
             with BusSpec().open(hand.spawned.interface, hand.spawned.channel) as bus:
                 run = execute(plan, drives, bus, log=name and name.with_suffix(".run.npz"), feel=feel(plan, drives))
             found = hand.outcome()
+        assert run.grip is not None
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = (used.ru_utime - before.ru_utime) / plan.duration
         fits = (
@@ -58,7 +60,8 @@ def main() -> int:
         print(
             f"{seed:3} {'ok' if fits else 'DROPPED' if found.dropped else 'no':8}"
             f" {found.position_error_mm:10.2f} {found.tilt_error_deg:9.2f} {found.rotation_error_deg:9.2f}"
-            f"   {found.slowed:.1f} ({cpu:.1f})",
+            f"   {found.slowed:22.1f} ({cpu:.1f})   {run.grip.lost_s:12.2f} {run.grip.hard_s:7.2f}"
+            f" {run.grip.together:9.2f}",
             *(f.text for f in run.record.header.faults),
             flush=True,
         )

@@ -13,16 +13,18 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from drake_hand.cli.driven_hand import Outcome
 from drake_hand.cli.drives_feedback import SIMULATED, PoseFeedback, refuse_feedback
 from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_person import Terminal, say
-from drake_hand.cli.drives_physics import Outcome, PhysicalHand, spawn_physical_hand
+from drake_hand.cli.drives_physics import PhysicalHand, spawn_physical_hand
 from drake_hand.cli.drives_proof import prove
 from drake_hand.cli.drives_twin import spawn_twin
 from drake_hand.cli.drives_way import come
 from drake_hand.cli.output import print_json, print_table, progress_display
 from drake_hand.epos import excerpts, executor, preflight, rehearsal
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.grip import HARD_SHARE, LOST_SHARE
 from drake_hand.epos.master import open_bus
 from drake_hand.epos.record import RECORD_SUFFIX
 from drake_hand.epos.schedule import Excerpt, Schedule
@@ -319,6 +321,11 @@ def _print_run(
     late = answer["sync_late_ms"]
     print(f"SYNC late: p50 {late['p50']:.2f} ms, p99 {late['p99']:.2f} ms, max {late['max']:.2f} ms")
     print(f"start skew: {answer['start_skew_syncs']} SYNC periods")
+    if run.grip:
+        print(
+            f"grip: never less than {run.grip.together:.0%} of the planned press, all fingers together; one below"
+            f" {LOST_SHARE:.0%} for {run.grip.lost_s:.2f} s at most, above {HARD_SHARE:.0%} for {run.grip.hard_s:.2f} s"
+        )
     if answer["not_disabled"]:
         print("NOT read back as disabled: " + ", ".join(answer["not_disabled"]))
     print(("played" if answer["ok"] else "not played to its end") + f"; {answer['drives']} drives")

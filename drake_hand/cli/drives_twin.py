@@ -125,12 +125,16 @@ class Twin:
             gravity=np.array(plan.task.physics.gravity),
             friction=plan.task.physics.friction,
             contact="point",
+            table=plan.task.table,
         )
+        self._on_table = plan.task.support is not None
+        if self._on_table:
+            self.physics.let_go()
         self._drives, self._where = drives, Whereabouts(plan, drives.joints)
         self._columns, self._windows = drives.columns(hand.joints), hold_windows(plan)
         self._told: tuple[float, np.ndarray] | None = None
         self._fingers = {f.name: [i for i, j in enumerate(drives.joints) if j in f.joints] for f in hand.fingers}
-        self._free, self._shown, self._turns = False, *np.zeros((2, len(drives.joints)))
+        self._held, self._shown, self._turns = False, *np.zeros((2, len(drives.joints)))
         self._said: set[str] = set()
 
     @property
@@ -167,14 +171,14 @@ class Twin:
         yield from self._compare(pose, dt)
 
     def _hold(self) -> None:
-        """A fixture has the object until the fingers hold it."""
+        """A fixture has the object until the fingers hold it, unless it lies on a table."""
         t = self._where.time_s
-        in_hand = t is not None and any(a <= t <= b for a, b in self._windows)
-        if in_hand and not self._free:
+        held = t is not None and any(a <= t <= b for a, b in self._windows)
+        if held and not self._held and not self._on_table:
             self.physics.let_go()
-        elif self._free and not in_hand:
+        elif self._held and not held and not self._on_table:
             self.physics.take_back()
-        self._free = in_hand
+        self._held = held
 
     def _compare(self, pose: HandPose, dt: float) -> Iterator[str]:
         assert pose.current_ma is not None
@@ -186,11 +190,11 @@ class Twin:
         self._turns += (turns - self._turns) * share
         for name, own in self._fingers.items():
             drives, twin = self._shown[own], self._turns[own]
-            if self._free and np.linalg.norm(drives - twin) > BOUND_NM:
+            if self._held and np.linalg.norm(drives - twin) > BOUND_NM:
                 sizes = (f"{1e3 * np.linalg.norm(x):.0f} mNm" for x in (drives, twin))
                 found[name] = "{}: the drives turn with {}, the twin with {}".format(name, *sizes)
         t = self._where.time_s
-        if self._free and t is not None:
+        if (self._held or self._on_table) and t is not None:
             away = np.linalg.norm(self.X_WO[:3, 3] - self._trajectory.at(t).X_WO[0, :3, 3]) * 1e3
             if away > FAR_MM:
                 found["object"] = f"its object is {away:.0f} mm off the plan"

@@ -21,7 +21,7 @@ from drake_hand.epos import discovery
 from drake_hand.epos.configure import configure, release_heartbeat
 from drake_hand.epos.corrected import Corrected
 from drake_hand.epos.drives import Drive, Drives
-from drake_hand.epos.grip import Grip
+from drake_hand.epos.grip import Grip, GripWorst
 from drake_hand.epos.master import HEARTBEAT_OPERATIONAL, NMT_OPERATIONAL, Master, SdoError
 from drake_hand.epos.objects import emcy_words
 from drake_hand.epos.person import AGREES, Person
@@ -63,6 +63,8 @@ class DriveRun:
     """SYNCs between the first and the last drive that began to play."""
     wants_open: bool = False
     """Whether the person wants the hand, now off, to be opened."""
+    grip: GripWorst | None = None
+    """How near it came to a fault of the fingers' grip, where that was judged."""
 
     @property
     def ok(self) -> bool:
@@ -100,6 +102,7 @@ class DriveRun:
             "faults": [msgspec.to_builtins(f) for f in header.faults],
             "disabled": not header.not_disabled,
             "not_disabled": header.not_disabled,
+            "grip": msgspec.to_builtins(self.grip),
         }
 
 
@@ -251,7 +254,12 @@ def _play(
         faults=faults,
         not_disabled=not_disabled,
     )
-    return DriveRun(record=player.log.record(header), start_skew=player.start_skew, wants_open=wants_open)
+    return DriveRun(
+        record=player.log.record(header),
+        start_skew=player.start_skew,
+        wants_open=wants_open,
+        grip=player.grip.worst if player.grip else None,
+    )
 
 
 def _touching(plan: Plan) -> list[tuple[float, float]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import msgspec
 import numpy as np
 
 from drake_hand.epos.axis import AxisState
@@ -23,6 +24,17 @@ LEAST_NM = 4e-3
 """Planned torque of a finger below which it is not judged: what links and motors do hides it."""
 _BEGUN_S = 0.1
 """A contact is judged so long after it was to press."""
+
+
+class GripWorst(msgspec.Struct, frozen=True, kw_only=True):
+    """How near a run came to a fault of its grip."""
+
+    lost_s: float
+    """Longest time that a finger's share was below `LOST_SHARE`."""
+    hard_s: float
+    """And above `HARD_SHARE`."""
+    together: float
+    """Least share of all fingers together."""
 
 
 class Grip:
@@ -61,8 +73,15 @@ class Grip:
             self._judged[j] = since > begun
         self._off = np.zeros((2, len(fingers)), int)
         self._gone = 0
+        self._longest, self._together = self._off, 1.0
         self.shares: dict[str, float] = {}
         """At the last SYNC, of the fingers that have to press."""
+
+    @property
+    def worst(self) -> GripWorst:
+        """What came nearest to a fault so far."""
+        lost_s, hard_s = (self._longest.max(axis=1) * self._period).tolist()
+        return GripWorst(lost_s=lost_s, hard_s=hard_s, together=self._together)
 
     def look(self, step: int, axes: Sequence[AxisState]) -> Iterator[str]:
         """Takes the drives' answers at a step; returns what is wrong once it has lasted long enough."""
@@ -73,10 +92,10 @@ class Grip:
         self._off = np.where(judged & [share < LOST_SHARE, share > HARD_SHARE], self._off + 1, 0)
         part = int(self._part[step])
         size = self._size[step] * judged
-        if size.any() and (size @ np.clip(share, 0, 1)) < GONE_SHARE * size.sum():
-            self._gone += 1
-        else:
-            self._gone = 0
+        self._longest = np.maximum(self._longest, self._off)
+        together = float(size @ np.clip(share, 0, 1) / size.sum()) if size.any() else 1.0
+        self._together = min(self._together, together)
+        self._gone = self._gone + 1 if together < GONE_SHARE else 0
         if self._gone * self._period >= GONE_S:
             yield f"the object is gone: no finger presses in part {part}"
             return

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from drake_hand.cli import run
+from drake_hand.cli.driven_hand import Mishap
 from drake_hand.cli.drives_grip import feel
-from drake_hand.cli.drives_physics import Mishap, spawn_physical_hand
+from drake_hand.cli.drives_physics import spawn_physical_hand
 from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute

@@ -1,11 +1,16 @@
 """The twin, told what the bus shows: the same where the drives press as it does, and who differs where they do not."""
 
 import numpy as np
+import pytest
 
+from drake_hand import api
 from drake_hand.cli.drives_twin import Twin
 from drake_hand.contact.press import press
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.mirror import HandPose
+from drake_hand.model.object import Object
+from drake_hand.model.table import feet
+from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.trajectory import Trajectory
 
 DRIVES = Drives.load()
@@ -44,3 +49,20 @@ def test_a_finger_that_does_not_press_is_named(carry):
     assert len(lines) == 1
     assert lines[0].startswith("ring: the drives turn with ")
     assert "part 1" in lines[0]
+
+
+def test_a_twin_picks_the_object_up_from_its_table_and_puts_it_down():
+    plan = api.plan("table_cube")
+    twin, lines = said(plan, plan.duration, {})
+    assert lines == []
+    end = Trajectory(plan).at(plan.duration).X_WO[0]
+    assert np.linalg.norm(twin.X_WO[:3, 3] - end[:3, 3]) < 2e-3
+    assert plan.task.table.gap(feet(Object.load(plan.task.object).geometries), twin.X_WO) == pytest.approx(0, abs=2e-4)
+
+
+def test_fingers_that_do_not_press_what_lies_on_a_table_are_told():
+    """The drives show that nothing is pressed, while the twin's fingers lift."""
+    plan = api.plan("table_cube")
+    middle = np.mean(hold_windows(plan))
+    _, lines = said(plan, middle, {f: 0.0 for f in plan.fingers})
+    assert sum("the drives turn with" in line for line in lines) >= 2

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,6 +12,7 @@ import can
 import numpy as np
 
 from drake_hand.epos import pdo
+from drake_hand.epos.clock import clock_of
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.schedule import LEAD_IN_S
 from drake_hand.epos.sim.drives import SimulatedDrives
@@ -29,10 +29,20 @@ class Tap:
         bus: the master's.
         arm: called once, when the plan has begun.
         sync_ms: SYNC period.
+        now: the time, s.
+        sleep: lets it pass.
     """
 
-    def __init__(self, bus: can.BusABC, arm: Callable[[], None], sync_ms: int) -> None:
-        self._bus, self._arm = bus, arm
+    def __init__(
+        self,
+        bus: can.BusABC,
+        arm: Callable[[], None],
+        sync_ms: int,
+        now: Callable[[], float],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self._bus, self._arm, self._now, self._sleep = bus, arm, now, sleep
+        self.clock, self.fileno = clock_of(bus), bus.fileno
         self._begin = ARM_SYNC + round(LEAD_IN_S * 1e3 / sync_ms)
         self.channel_info = bus.channel_info
         self.sent: list[tuple[float, int, bytes]] = []
@@ -46,7 +56,7 @@ class Tap:
         """Passes a frame on."""
         if self.refuses:
             raise can.CanOperationError("Transmit buffer full")
-        self.sent.append((time.time(), message.arbitration_id, bytes(message.data)))
+        self.sent.append((self._now(), message.arbitration_id, bytes(message.data)))
         self._bus.send(message, timeout)
         if message.arbitration_id == pdo.SYNC_COB:
             self.syncs += 1
@@ -56,11 +66,11 @@ class Tap:
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Waits for a frame."""
         if self.hold_s:
-            time.sleep(self.hold_s)
-            self.hold_s, self.held_until = 0.0, time.time()
+            self._sleep(self.hold_s)
+            self.hold_s, self.held_until = 0.0, self._now()
         message = self._bus.recv(timeout)
         if message:
-            self.heard.append((time.time(), message.arbitration_id, bytes(message.data)))
+            self.heard.append((self._now(), message.arbitration_id, bytes(message.data)))
         return message
 
 

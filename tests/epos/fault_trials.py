@@ -1,17 +1,21 @@
 """One run of a row of the fault table: do the invariants hold, how fast do all drives stop?
 
-Fifteen simulated drives on a ``virtual`` bus in this process, real clocks and threads. Times are counted from the
-moment the fault happens (where a drive sends a message, from that message; where a motor runs away from its demand,
-from the moment it is past the share of its window at which the master acts), in SYNC periods: `frames` until the last
-stop frame is sent, `stopped` until the last of the other drives has left the motion.
+Fifteen simulated drives in this process: on a ``virtual`` bus with real clocks and threads, or with motors that move a
+hand in physics which holds an object, on the clock that waits for it. Times are counted from the moment the fault
+happens (where a drive sends a message, from that message; where a motor runs away from its demand, from the moment it
+is past the share of its window at which the master acts), in SYNC periods: `frames` until the last stop frame is sent,
+`stopped` until the last of the other drives has left the motion.
 """
 
 from __future__ import annotations
 
 import itertools
+import os
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -22,15 +26,24 @@ import numpy as np
 from fault_cases import CASES, Case, Tap, Trial
 from swing import swing
 
+from drake_hand.cli.driven_hand import DrivenHand
+from drake_hand.cli.drives_grip import feel
 from drake_hand.epos import executor, pdo
+from drake_hand.epos.bus import IN_STEP
+from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.grip import Grip
 from drake_hand.epos.objects import IDENTITY, DriveType
 from drake_hand.epos.pdo import LAYOUT
+from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.faults import kind_of
+from drake_hand.epos.sim.in_step import serve_in_step
+from drake_hand.epos.sim.process import free_channel
 from drake_hand.epos.sim.timeline import Header, Row, TimelineEvent
 from drake_hand.epos.state import Control, DriveState
 from drake_hand.epos.stops import FOLLOWING_SHARE
+from drake_hand.plans.plan import Plan
 from tests.epos.timelines import read_timeline
 
 MOTION_S = 1.0
@@ -75,44 +88,150 @@ class Outcome:
     violations: list[str]
 
 
-def run_case(case: Case, seed: int, sync_ms: int = 10) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """A motion with an object in the hand, and when it is held, s of the plan."""
+
+    plan: Plan
+    window: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bed:
+    """Drives, the master's bus to them, and the clock of both."""
+
+    drives: Drives
+    plan: Plan
+    sim: SimulatedDrives
+    bus: can.BusABC
+    now: Callable[[], float]
+    sleep: Callable[[float], None]
+    after: Callable[[float, Callable[[], None]], None]
+    """Calls something that many seconds of the plan later, in a thread of its own."""
+    feel: Callable[[Schedule], Grip] | None = None
+
+
+@contextmanager
+def _in_the_air(drives: Drives, timeline: Path, seed: int) -> Iterator[Bed]:
+    channel = f"faults-{next(_channels)}"
+    plan = swing(drives.joints, MOTION_S, amplitude_deg=40, swings=2)
+    timers: list[threading.Timer] = []
+
+    def after(seconds: float, act: Callable[[], None]) -> None:
+        timers.append(threading.Timer(seconds, act))
+        timers[-1].start()
+
+    with can.Bus(interface="virtual", channel=channel) as a, can.Bus(interface="virtual", channel=channel) as b:
+        sim = SimulatedDrives(b, drives, log=timeline, seed=seed)
+        with sim:
+            yield Bed(drives=drives, plan=plan, sim=sim, bus=a, now=time.time, sleep=time.sleep, after=after)
+            for timer in timers:
+                timer.cancel()
+
+
+@contextmanager
+def _in_physics(drives: Drives, timeline: Path, seed: int, held: Held) -> Iterator[Bed]:
+    file, over = timeline.with_name("clock"), threading.Event()
+    clock = SharedClock.create(file, free_channel())
+    q = Schedule.build(held.plan, drives).q[0]
+
+    def sleep(seconds: float) -> None:
+        """As the master: who sets the clock waits for it."""
+        idle, end = _Idle(), clock.now() + seconds
+        while (left := end - clock.now()) > 0:
+            clock.receive(cast(can.BusABC, idle), left)
+
+    def after(seconds: float, act: Callable[[], None]) -> None:
+        def wait() -> None:
+            due = held.window[0] + seconds
+            while not over.is_set():
+                if clock.tells_of(held.plan.hash) and clock.plan_time >= due:
+                    return act()
+                time.sleep(1e-3)
+
+        threading.Thread(target=wait, daemon=True).start()
+
+    with (
+        drives.bus.open(IN_STEP, str(file)) as a,
+        drives.bus.open("udp_multicast", clock.channel) as b,
+    ):
+        sim = SimulatedDrives(b, drives, q=q, log=timeline, seed=seed)
+        sim.boot(0.0)
+        world = DrivenHand(drives, held.plan, clock, q)
+        world.enabled = lambda: any(s.powered for s in sim.states.values())
+        server = threading.Thread(target=serve_in_step, args=(sim, b, clock, world, over), daemon=True)
+        server.start()
+        try:
+            yield Bed(
+                drives=drives,
+                plan=held.plan,
+                sim=sim,
+                bus=a,
+                now=clock.now,
+                sleep=sleep,
+                after=after,
+                feel=feel(held.plan, drives),
+            )
+        finally:
+            over.set()
+            server.join()
+            sim.stop()
+
+
+class _Idle:
+    """A bus on which nothing arrives."""
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+
+    def fileno(self) -> int:
+        return self._read
+
+    def recv(self, _: float) -> None:
+        return None
+
+    def __del__(self) -> None:
+        os.close(self._read)
+        os.close(self._write)
+
+
+def run_case(case: Case, seed: int, sync_ms: int = 10, held: Held | None = None) -> Outcome:
     """One run of a row.
 
     Args:
         case: the row.
         seed: of drive types, drive, moment and strength.
         sync_ms: SYNC period.
+        held: what the hand holds; nothing if not given.
     """
     rng = np.random.default_rng([seed, CASES.index(case)])
     drives = drives_of(case.types[seed % len(case.types)], sync_ms)
-    plan = swing(drives.joints, MOTION_S, amplitude_deg=40, swings=2)
-    channel = f"faults-{next(_channels)}"
     candidates = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
+    within = held.window[1] - held.window[0] if held else WITHIN_S
     with tempfile.TemporaryDirectory() as folder:
         timeline = Path(folder) / "timeline.jsonl"
-        with can.Bus(interface="virtual", channel=channel) as a, can.Bus(interface="virtual", channel=channel) as b:
-            sim = SimulatedDrives(b, drives, log=timeline, seed=seed)
-            trial = Trial(drives=drives, victim=str(rng.choice(candidates)), sim=sim, rng=rng)
+        made = _in_physics(drives, timeline, seed, held) if held else _in_the_air(drives, timeline, seed)
+        with made as bed:
+            trial = Trial(drives=drives, victim=str(rng.choice(candidates)), sim=bed.sim, rng=rng)
 
             def act() -> None:
-                trial.acted = time.time()
+                trial.acted = bed.now()
                 case.act(trial)
 
-            timer = threading.Timer(float(rng.uniform(0, WITHIN_S)), act)
-            trial.tap = Tap(a, timer.start, sync_ms)
-            log = Path(folder) / "run.npz"
-            with sim:
-                answer = _execute(plan, trial, log)
-                timer.cancel()
-                if not case.reachable:
-                    time.sleep(BY_ITSELF_S)
+            moment = float(rng.uniform(0, within))
+            trial.tap = Tap(bed.bus, lambda: bed.after(moment, act), sync_ms, bed.now, bed.sleep)
+            answer = _execute(bed, trial, Path(folder) / "run.npz")
+            if not case.reachable:
+                bed.sleep(BY_ITSELF_S)
         header, rows, events = read_timeline(timeline)
     return _judge(case, trial, answer, header, rows, events)
 
 
-def _execute(plan: Any, trial: Trial, log: Path) -> dict | None:
+def _execute(bed: Bed, trial: Trial, log: Path) -> dict | None:
     try:
-        return executor.execute(plan, trial.drives, trial.tap, log=log, progress=lambda p: trial.progress(p)).answer()
+        return executor.execute(
+            bed.plan, trial.drives, trial.tap, log=log, feel=bed.feel, progress=lambda p: trial.progress(p)
+        ).answer()
     except RuntimeError:
         return None  # the one raised on purpose
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from drake_hand.cli import run
-from drake_hand.cli.drives_physics import Outcome, spawn_physical_hand
+from drake_hand.cli.driven_hand import Outcome
+from drake_hand.cli.drives_physics import spawn_physical_hand
 from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.excerpts import around_grasp
