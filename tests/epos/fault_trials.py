@@ -133,7 +133,7 @@ def _in_the_air(drives: Drives, timeline: Path, seed: int) -> Iterator[Bed]:
 def _in_physics(drives: Drives, timeline: Path, seed: int, held: Held) -> Iterator[Bed]:
     file, over = timeline.with_name("clock"), threading.Event()
     clock = SharedClock.create(file, free_channel())
-    q = Schedule.build(held.plan, drives).q[0]
+    q, known = Schedule.build(held.plan, drives).q[0], held.plan.hash
 
     def sleep(seconds: float) -> None:
         """As the master: who sets the clock waits for it."""
@@ -145,7 +145,7 @@ def _in_physics(drives: Drives, timeline: Path, seed: int, held: Held) -> Iterat
         def wait() -> None:
             due = held.window[0] + seconds
             while not over.is_set():
-                if clock.tells_of(held.plan.hash) and clock.plan_time >= due:
+                if clock.tells_of(known) and clock.plan_time >= due:
                     return act()
                 time.sleep(1e-3)
 

@@ -10,7 +10,6 @@ import can
 import numpy as np
 
 from drake_hand.epos.clock import SharedClock
-from drake_hand.epos.pdo import SYNC_COB
 from drake_hand.epos.sim.axis import STEP_S
 from drake_hand.epos.sim.drives import SimulatedDrives
 from drake_hand.epos.sim.motor import ROTOR_INERTIA_KG_M2
@@ -34,7 +33,8 @@ def serve_in_step(
     """Serves drives on a bus, a step at a time, until `stop`.
 
     Frames that have arrived act before each step. Where the master's time is up the clock waits until the master waits
-    again, so that no SYNC is late, however busy the computer; it is never faster than the computer's.
+    again, from when it first does until it is gone, so that no SYNC or heartbeat is late, however busy the computer; it
+    is never faster than the computer's.
 
     Args:
         simulated: booted at time 0 of the clock.
@@ -46,17 +46,17 @@ def serve_in_step(
     drives = simulated.drives
     reduction = np.array([d.direction * d.cable_ratio * d.gear for d in drives.drives])
     to_counts = np.array([d.counts_per_turn for d in drives.drives]) / (2 * np.pi) / ROTOR_INERTIA_KG_M2
-    now, synced, looks, begun = 0.0, False, 0, time.monotonic()
+    now, mastered, looks, begun = 0.0, False, 0, time.monotonic()
     while not stop.is_set():
-        waiting = synced and not clock.waited_for
+        waited_for = clock.waited_for
+        mastered |= waited_for
+        waiting = mastered and not waited_for
         if waiting and looks >= GONE_LOOKS:
-            synced = waiting = False
+            mastered = waiting = False
         # frames first; while waiting, for them
         message = bus.recv(_LOOK_S if waiting else 0)
         looks += message is None
         while message is not None:
-            if message.arbitration_id == SYNC_COB:
-                synced = True
             simulated.step(now, message)
             message = bus.recv(0)
         if waiting:
