@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -33,6 +33,8 @@ class PlanResult:
     """Seconds from task to timed plan; imports and certificate apart."""
     stages_s: dict[str, float]
     """Seconds by stage, the certificate among them."""
+    compared: int = 1
+    """Certified plans among which this one is the best."""
 
 
 def solve(
@@ -41,14 +43,19 @@ def solve(
     progress: Callable[[Progress], None] | None = None,
     seed: int | None = None,
     time_limit: float | None = None,
+    better: bool = False,
 ) -> PlanResult:
     """Searches, times and certifies a plan.
+
+    The best of several has the fewest regrasps; among equals, an error of the object's pose at the start grows least
+    until the end (:mod:`drake_hand.physics.growth`); then the shortest is.
 
     Args:
         task: a task, its bundled name or its path.
         progress: called with how far planning has come.
         seed: instead of the task's.
         time_limit: s, instead of the task's.
+        better: whether to look on, until the time limit or Ctrl-C, and return the best.
 
     Raises:
         InputError: the task, hand or object is wrong.
@@ -63,8 +70,9 @@ def solve(
     from drake_hand.motion.timing import time_path
     from drake_hand.planning.planner import find_paths
 
-    start, proving, timing = perf_counter(), 0.0, 0.0
+    start, proving, timing, compared = perf_counter(), 0.0, 0.0, 0
     refused: Unproven | None = None
+    best: PlanResult | None = None
     try:
         for path in find_paths(task, progress=progress):
             found = perf_counter()
@@ -74,17 +82,41 @@ def solve(
             timed = perf_counter()
             certificate = check(plan, progress=progress)
             timing, proving = timing + timed - found, proving + perf_counter() - timed
-            if certificate.certified:
-                return PlanResult(
-                    plan=msgspec.structs.replace(plan, certificate=certificate),
-                    regrasps=path.stats["regrasps"],
-                    plan_s=perf_counter() - start - proving,
-                    stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
-                )
-            refused = refused or Unproven(plan, certificate)
+            if not certificate.certified:
+                refused = refused or Unproven(plan, certificate)
+                continue
+            result = PlanResult(
+                plan=msgspec.structs.replace(plan, certificate=certificate),
+                regrasps=path.stats["regrasps"],
+                plan_s=perf_counter() - start - proving,
+                stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
+            )
+            if not better:
+                return result
+            compared += 1
+            best = result if best is None or _cost(result) < _cost(best) else best
     except NoPlanFound as e:
-        raise refused or e from None
-    raise AssertionError("a search that finds nothing more says why")
+        if best is None:
+            raise refused or e from None
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+    assert best is not None, "a search that finds nothing more says why"
+    return replace(best, compared=compared)
+
+
+def _cost(result: PlanResult) -> tuple[int, float, float]:
+    """What makes one plan better than another: less of it."""
+    from drake_hand.model.hand import Hand
+    from drake_hand.model.object import Object
+    from drake_hand.physics.growth import predicted, worst
+
+    plan = result.plan
+    grown = 0.0
+    if plan.task.options.hold == "equilibrium":
+        _, maps = predicted(plan, Hand.load(plan.task.hand), Object.load(plan.task.object))
+        grown = round(worst(maps[-1]), 2)
+    return result.regrasps, grown, plan.duration
 
 
 class Unproven(NoPlanFound):

@@ -16,6 +16,7 @@ COMMANDS = {
     "plan": ("drake_hand.cli.plans:plan", "Find a certified plan for a task."),
     "check": ("drake_hand.cli.plans:check", "Certify a plan again, from its file alone."),
     "simulate": ("drake_hand.cli.simulate:simulate", "Replay a plan in physics."),
+    "growth": ("drake_hand.cli.growth:growth", "Predict and simulate how an error at the start propagates."),
     "show": ("drake_hand.cli.show:show", "Watch a plan in the browser."),
     "plot": ("drake_hand.cli.plot:plot", "Draw a plan, or the record of a run, as figures."),
     "export": ("drake_hand.cli.export:export", "Export a plan for other controllers: CSV, npz, ROS 2."),

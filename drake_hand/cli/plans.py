@@ -29,6 +29,7 @@ def plan(
     html: Path | None = None,
     seed: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
     time_limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
+    better: bool = False,
     everything: Annotated[bool, Parameter(name="--all")] = False,
     json: bool = False,
 ) -> int:
@@ -40,6 +41,7 @@ def plan(
     ```console
     $ drake-hand plan spin -o spin.plan.json --html spin.html
     $ drake-hand plan my.task.yaml --seed 3 --time-limit 20 --json
+    $ drake-hand plan my.task.yaml --better --time-limit 300
     ```
 
     Args:
@@ -48,6 +50,8 @@ def plan(
         html: also write a standalone page that shows the plan, or why there is none.
         seed: overrides the task's.
         time_limit: in seconds; overrides the task's.
+        better: look on until the time limit, or Ctrl-C, and keep the plan with the fewest regrasps; of equals, that in
+            which an error at the start grows least.
         everything: print every part and every figure of the certificate.
         json: print one JSON object on stdout.
     """
@@ -61,7 +65,7 @@ def plan(
             require_folder(written)
     with naming(resolve(task, "tasks", TASK_SUFFIX)), progress_display(quiet=json) as progress:
         try:
-            result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit)
+            result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit, better=better)
         except NoPlanFound as e:
             unfinished = api.unfinished(e, progress=progress)
             if html:  # instead of the page of an older plan
@@ -83,12 +87,15 @@ def plan(
                 "duration_s": found.duration,
                 "plan_s": result.plan_s,
                 "stages_s": result.stages_s,
+                "compared": result.compared,
                 "output": str(output),
             }
         )
         return 0
     print_plan(found, regrasps=result.regrasps, everything=everything)
     print(_times(result))
+    if better:
+        print(f"the best of {result.compared} certified plan" + "s" * (result.compared != 1))
     print(f"wrote {output}" + (f" and {html}" if html else ""))
     return 0
 

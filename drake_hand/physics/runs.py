@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from drake_hand.physics.simulation import ContactKind
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
 
+_Found = TypeVar("_Found")
 _LOOK_S = 0.1
 """s between looks at how far the workers are."""
 
@@ -163,7 +164,7 @@ def simulate(
                     watch(done[0], record)
                     watched = True
         else:
-            for i, result, shares in _in_processes(run, changes, seed, min(runs, jobs or cores())):
+            for i, result, shares in in_processes(run, changes, seed, min(runs, jobs or cores())):
                 if result is not None:
                     done[i] = result
                 how_far(shares)
@@ -183,16 +184,26 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _in_processes(
-    run: partial, changes: list[Perturbation], seed: int, workers: int
-) -> Iterator[tuple[int, SimulatedRun | None, float]]:
-    """Runs as they finish: number, run and how many runs' worth of work is done; (0, None, work) in between."""
+def in_processes(
+    run: Callable[..., tuple[_Found, Record]], changes: list[Perturbation], seed: int, workers: int
+) -> Iterator[tuple[int, _Found | None, float]]:
+    """Runs as they finish: number, what it found, and how many runs' worth of work is done; (0, None, work) in between.
+
+    Args:
+        run: told what is not as planned, a seed for the sensor and whom to report to; what it returns first is taken.
+        changes: one per run.
+        seed: of the sensor.
+        workers: processes.
+
+    Raises:
+        DrakeHandError: they cannot start.
+    """
     context = multiprocessing.get_context("spawn")
     shares = context.Array("d", len(changes), lock=False)
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(shares,))
     try:
-        futures: dict[Future[SimulatedRun], int] = {}
+        futures: dict[Future[_Found], int] = {}
         with _deaf_children():
             for i, change in enumerate(changes):
                 futures[pool.submit(_one, run, change, seed, i)] = i
@@ -272,7 +283,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _one(run: partial, change: Perturbation, seed: int, i: int) -> SimulatedRun:
+def _one(run: Callable[..., tuple], change: Perturbation, seed: int, i: int) -> Any:
     def tell(x: float) -> None:
         _shares[i] = x
 

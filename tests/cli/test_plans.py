@@ -116,6 +116,7 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
     assert re.search(r"thumb \.+=+\n", out)
     assert "1 regrasp, " in out
     assert "planned in 0.50 s (search 0.40, other 0.10), then certified in 0.30 s" in out
+    assert "the best of" not in out
     assert Plan.load(file) == certified
     assert page.exists()
 
@@ -180,14 +181,16 @@ def test_show_on_an_address_of_another_computer_is_refused(plan_file, monkeypatc
 
 
 def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):
-    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4})
+    result = api.PlanResult(plan=certified, regrasps=1, plan_s=0.5, stages_s={"search": 0.4, "certificate": 0.3})
     monkeypatch.setattr("drake_hand.cli.plans.resolve", lambda *_: tmp_path)
     monkeypatch.setattr(api, "solve", lambda task, **_: result)
     assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["status"] == "certified"
     assert answer["modes"] == certified.modes
-    assert (answer["regrasps"], answer["plan_s"], answer["stages_s"]) == (1, 0.5, {"search": 0.4})
+    assert (answer["regrasps"], answer["plan_s"], answer["stages_s"]) == (1, 0.5, result.stages_s)
+    assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--better"]) == 0
+    assert "the best of 1 certified plan\n" in capsys.readouterr().out
 
 
 def test_time_limit_must_be_positive(tmp_path, capsys):

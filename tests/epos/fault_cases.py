@@ -108,6 +108,9 @@ class Case:
     first SYNC not answered."""
     reachable: bool = True
     """Whether all drives can be read back."""
+    mechanical: bool = False
+    """Whether it is the motor that fails: one that is about to move, and a finger may press wrongly before it is far
+    enough behind."""
     why: str = ""
     """What explains a number."""
 
@@ -147,6 +150,7 @@ CASES = (
         kinds=("following",),
         target=2,
         since="threshold",
+        mechanical=True,
     ),
     Case(
         name="axis stuck",
@@ -154,6 +158,7 @@ CASES = (
         kinds=("following", "emcy"),
         target=2,
         since="threshold",
+        mechanical=True,
         why="the master looks at each answer; one that comes late is overtaken by the drive's own following error",
     ),
     Case(

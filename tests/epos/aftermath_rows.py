@@ -27,6 +27,7 @@ from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_physics import PhysicalHand, spawn_physical_hand
 from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
+from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.executor import DriveRun, execute
 from drake_hand.epos.person import Person
 from drake_hand.epos.schedule import Schedule
@@ -133,21 +134,26 @@ def interrupted_and_held(scene: Scene) -> Answer:
     faults = [f.text for f in found.record.header.faults]
     if faults != ["interrupted, then off"]:
         yield f"stopped by {faults}"
-    outcome = scene.hand.outcome()  # as long as a drive was powered
-    if outcome.dropped:
+    if left := scene.powered():
+        yield f"still powered: {left}"
+    if scene.hand.outcome().dropped:  # looked at as long as a drive was powered
         yield "the object was dropped while the hand held it"
 
 
 def cable_out_then_from_here(scene: Scene) -> Answer:
-    """The bus is cut and put back: the run refuses to go on, and comes back by a path once it may open the hand."""
+    """The bus is cut and put back: the run refuses to go on, and comes back by a path once it may open the hand.
+
+    A person hands the object over again.
+    """
     inject = scene.hand.spawned.inject
     scene.play(lambda: inject(InjectedFault(kind="lost", joint="all")))
     inject(InjectedFault(kind="clear", joint="all"))
     scene.type("drives", "off")
-    refused, said = scene.type("execute", str(scene.file), "--from-here", "--yes", "--trust", "--to-part", "0")
+    again = ["execute", str(scene.file), "--from-here", "--yes", "--trust", "--pause", "grasp", "--go-after", "0.3"]
+    refused, said = scene.type(*again)
     if refused != 1 or "--open" not in said:
         yield f"with the object in the hand: {refused}, {said.strip()[-200:]}"
-    status, said = scene.type("execute", str(scene.file), "--from-here", "--open", "--yes", "--trust", "--to-part", "0")
+    status, said = scene.type(*again, "--open")
     if status:
         yield f"from here: {status}, {said.strip()[-200:]}"
 
@@ -207,9 +213,12 @@ def violations(row: str, seed: int, file: Path) -> list[str]:
     rng = np.random.default_rng([seed, list(ROWS).index(row)])
     plan, drives = Plan.load(file), Drives.load()
     window = (hold_windows(plan)[0][0] + 0.2, plan.duration - _BEFORE_END_S)
-    with spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0]) as hand:
+    handed_s = around_grasp(plan, plan.duration)[0] if ROWS[row] is cable_out_then_from_here else None
+    with spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], handed_s=handed_s) as hand:
         scene = Scene(file=file, plan=plan, drives=drives, hand=hand, at_s=float(rng.uniform(*window)), rng=rng)
         found = list(ROWS[row](scene))
-        if hand.spawned.process.poll() is None and (left := scene.powered()):
+        if ROWS[row] is not interrupted_and_held and (
+            left := scene.powered()
+        ):  # that one has asked, and ended the drives
             found.append(f"still powered: {left}")
     return found
