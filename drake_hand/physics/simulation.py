@@ -110,7 +110,7 @@ class DrakeSimulation:
         plant = self.plant
         plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
         plant.set_contact_model(
-            ContactModel.kHydroelasticWithFallback if contact == "hydroelastic" or table else ContactModel.kPoint
+            ContactModel.kHydroelasticWithFallback if contact == "hydroelastic" else ContactModel.kPoint
         )
         tip, body = ProximityProperties(), ProximityProperties()
         AddContactMaterial(pad.dissipation_s_m, pad.point_stiffness_n_m, material, tip)
@@ -119,7 +119,6 @@ class DrakeSimulation:
         body.AddProperty("material", "relaxation_time", 0.0)
         if contact == "hydroelastic":
             AddCompliantHydroelasticProperties(_PAD_MESH_M, pad.hydroelastic_modulus_pa, tip)
-        if contact == "hydroelastic" or table:  # a face that lies on a table does so with more than a point
             AddRigidHydroelasticProperties(_edge(object_, _SIDES_ON_TABLE if table else _SIDES), body)
         object_ = object_.with_mass(object_.mass * change.mass)
         shapes = tuple(replace(g, size=_grown(g.kind, g.size, body)) for g in object_.geometries)

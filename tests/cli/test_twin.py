@@ -37,11 +37,13 @@ def test_a_twin_that_hears_nothing_does_not_say_that_all_is_the_same(carry):
     assert twin.words == "listening: not all drives are heard yet"
 
 
-def test_a_twin_of_a_hand_that_does_as_planned_has_nothing_to_say(carry):
-    twin, lines = said(carry, 5.5, {})
+def test_a_twin_of_a_hand_that_does_as_planned_has_nothing_to_say_to_the_end(carry):
+    """Contacts that creep would let the fingers press half as much by then."""
+    end = carry.duration - DT
+    twin, lines = said(carry, end, {})
     assert lines == []
     assert "twin: the same" in twin.words
-    assert np.linalg.norm(twin.X_WO[:3, 3] - Trajectory(carry).at(5.5).X_WO[0, :3, 3]) < 3e-3
+    assert np.linalg.norm(twin.X_WO[:3, 3] - Trajectory(carry).at(end).X_WO[0, :3, 3]) < 1e-3
 
 
 def test_a_finger_that_does_not_press_is_named(carry):

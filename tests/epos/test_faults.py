@@ -1,7 +1,10 @@
 """The fault table: one run of each row here, twenty in the slow tests; benchmarks/fault_table.py prints the table."""
 
 import pytest
-from fault_trials import CASES, Outcome, run_case
+from fault_trials import CASES, Held, Outcome, run_case
+
+from drake_hand import api
+from drake_hand.plans.holds import hold_windows
 
 pytestmark = pytest.mark.clocked
 
@@ -36,3 +39,15 @@ def test_every_fault_stops_every_drive(case):
 @pytest.mark.parametrize("case", CASES, ids=ids)
 def test_at_any_moment_and_at_any_drive(case, seed):
     check(case, seed, 10)
+
+
+@pytest.fixture(scope="module")
+def held() -> Held:
+    plan = api.plan("spin_fast")
+    return Held(plan=plan, window=(hold_windows(plan)[0][0], plan.duration - 0.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=ids)
+def test_with_an_object_in_the_hand(case, held):
+    assert run_case(case, 0, held=held).violations == []
