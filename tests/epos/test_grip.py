@@ -90,3 +90,18 @@ def test_a_moment_is_not_enough():
         gone = 100 <= j < 100 + round(GONE_S / T) - 1
         current = np.linalg.solve(DRIVES.torque_per_ma, planned()[j] * (0 if gone else 1) + WEIGHT[j])
         assert list(found.look(j, [SimpleNamespace(current_ma=x) for x in current])) == []
+
+
+def test_how_near_a_run_came_to_a_fault_is_kept():
+    """Ten steps of a ring finger at a twentieth, then five of a little finger at four times its press."""
+    found, nobody = grip(), np.ones(5)
+    for j in range(STEPS):
+        ring, hard = 100 <= j < 110, 120 <= j < 125
+        factor = [1, 0.05, 1, 1, 1] if ring else [4, 1, 1, 1, 1] if hard else nobody
+        current = np.linalg.solve(DRIVES.torque_per_ma, planned()[j] * np.repeat(factor, 3) + WEIGHT[j])
+        assert list(found.look(j, [SimpleNamespace(current_ma=x) for x in current])) == []
+    sizes = [np.linalg.norm(planned()[-1, 3 * f : 3 * f + 3]) for f in range(4)]
+    assert found.worst.lost_s == pytest.approx(10 * T)
+    assert found.worst.hard_s == pytest.approx(5 * T)
+    assert found.worst.together == pytest.approx(1 - 0.95 * sizes[1] / sum(sizes))
+    assert grip().worst.together == 1.0
