@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.chain import FingerKinematics, material_jacobian, skew
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
+from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import EngineName, Perturbation
@@ -133,9 +134,16 @@ def grow(
         progress: called with the fraction done.
 
     Raises:
-        InputError: as :func:`drake_hand.physics.replay.replay`.
-        DrakeHandError: likewise.
+        InputError: the plan is not certified, states no forces, or begins on a table.
+        DrakeHandError: a simulation broke down.
     """
+    for key, wrong, expected in (
+        ("certificate", not plan.certified, "one that holds"),
+        ("task.options.hold", plan.task.options.hold != "equilibrium", "equilibrium: a plan with forces"),
+        ("task.support", plan.task.support is not None, "none: a table keeps the object where it lies"),
+    ):
+        if wrong:
+            raise InputError("errors do not propagate through this plan", key=key, expected=expected)
     hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
     parts, maps = predicted(plan, hand, object_)
     rng = np.random.default_rng(seed)

@@ -53,6 +53,7 @@ def test_a_finger_that_does_not_press_is_named(carry):
     assert "part 1" in lines[0]
 
 
+@pytest.mark.slow
 def test_a_twin_picks_the_object_up_from_its_table_and_puts_it_down():
     plan = api.plan("table_cube")
     twin, lines = said(plan, plan.duration, {})

@@ -233,7 +233,7 @@ def run_case(case: Case, seed: int, sync_ms: int = 10, held: Held | None = None)
 def _moving(schedule: Schedule, since_s: float) -> set[str]:
     """Joints that go farther than their drives' windows in the time from then on."""
     ahead = (schedule.plan_time >= since_s) & (schedule.plan_time <= since_s + AHEAD_S)
-    way = np.ptp(schedule.counts[ahead], axis=0)
+    way = np.abs(schedule.counts[ahead] - schedule.counts[ahead][0]).max(axis=0)
     return {d.joint for d, x in zip(schedule.drives.drives, way, strict=True) if x > 1.2 * d.following_error_counts}
 
 

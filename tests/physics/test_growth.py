@@ -12,9 +12,10 @@ from drake_hand.model.object import Object
 from drake_hand.physics.engine import Perturbation
 from drake_hand.physics.growth import grow, predicted, worst
 from drake_hand.physics.replay import replay
-from drake_hand.plans.plan import Plan
+from drake_hand.plans.plan import Certificate, Plan
+from drake_hand.plans.task import Support
 from drake_hand.plans.trajectory import Trajectory
-from tests.verify.held import END, held_plan
+from tests.verify.held import held_plan
 
 HAND, PENCIL = Hand.load("kanguera"), Object.load("pencil_r8")
 
@@ -72,21 +73,38 @@ def test_small_errors_propagate_in_physics_as_predicted(carry):
     assert np.linalg.norm(found) > 1.0
 
 
-def test_starts_are_simulated_beside_the_run_as_planned():
+def test_starts_are_simulated_beside_the_run_as_planned(carry):
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    (found,) = grow(held_plan(), starts=2, engine="mujoco")
-    assert found.time_s == pytest.approx(END)
+    (found,) = grow(carry, starts=2, engine="mujoco")
+    assert found.time_s == pytest.approx(carry.parts[-1].t[-1], abs=1e-3)
     assert 0 < found.predicted <= found.worst
     assert found.simulated is not None
     assert 0.1 < found.simulated < 3.0
 
 
-def test_the_command_prints_a_row_per_part(tmp_path, capsys):
+@pytest.mark.slow
+def test_the_command_prints_a_row_per_part(carry, tmp_path, capsys):
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    file = tmp_path / "held.plan.json"
-    held_plan().save(file)
+    file = tmp_path / "carry.plan.json"
+    carry.save(file)
     assert run(["growth", str(file), "--starts", "2", "--engine", "mujoco"]) == 0
     assert "worst predicted" in capsys.readouterr().out
     assert run(["growth", str(file), "--starts", "2", "--engine", "mujoco", "--json"]) == 0
     answer = msgspec.json.decode(capsys.readouterr().out)
-    assert [p["part"] for p in answer["parts"]] == [0]
+    assert [p["part"] for p in answer["parts"]] == [1]
+
+
+def test_plans_without_proof_or_forces_or_on_a_table_are_refused(tmp_path, capsys):
+    plan = held_plan()
+    kinematic = msgspec.structs.replace(plan.task, options=msgspec.structs.replace(plan.task.options, hold="kinematic"))
+    lies = msgspec.structs.replace(plan.task, support=Support(plane_mm=-100.0))
+    for wrong, task in (("certificate", None), ("task.options.hold", kinematic), ("task.support", lies)):
+        subject = plan
+        if task:
+            subject = msgspec.structs.replace(plan, task=task)
+            proof = Certificate(certified=True, samples=1, worst={}, failures=[], plan_hash=subject.hash).sealed()
+            subject = msgspec.structs.replace(subject, certificate=proof)
+        file = tmp_path / "held.plan.json"
+        subject.save(file)
+        assert run(["growth", str(file)]) == 2
+        assert wrong in capsys.readouterr().err
