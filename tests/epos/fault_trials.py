@@ -207,11 +207,15 @@ def run_case(case: Case, seed: int, sync_ms: int = 10, held: Held | None = None)
     """
     rng = np.random.default_rng([seed, CASES.index(case)])
     drives = drives_of(case.types[seed % len(case.types)], sync_ms)
-    candidates = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
-    moment = float(rng.uniform(0, held.window[1] - held.window[0] if held else WITHIN_S))
-    if held and case.mechanical:
-        moving = _moving(Schedule.build(held.plan, drives), held.window[0] + moment)
-        candidates = [j for j in candidates if j in moving]
+    possible = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
+    while True:
+        moment = float(rng.uniform(0, held.window[1] - held.window[0] if held else WITHIN_S))
+        candidates = possible
+        if held and case.mechanical:
+            moving = _moving(Schedule.build(held.plan, drives), held.window[0] + moment)
+            candidates = [j for j in possible if j in moving]
+        if candidates:
+            break
     with tempfile.TemporaryDirectory() as folder:
         timeline = Path(folder) / "timeline.jsonl"
         made = _in_physics(drives, timeline, seed, held) if held else _in_the_air(drives, timeline, seed)

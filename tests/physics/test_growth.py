@@ -15,7 +15,7 @@ from drake_hand.physics.replay import replay
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.task import Support
 from drake_hand.plans.trajectory import Trajectory
-from tests.verify.held import held_plan
+from tests.verify.held import END, held_plan
 
 HAND, PENCIL = Hand.load("kanguera"), Object.load("pencil_r8")
 
@@ -49,6 +49,16 @@ def test_a_finger_that_slides_holds_nothing_along_the_surface():
     slides = msgspec.structs.replace(rolls, parts=[msgspec.structs.replace(part, mode=part.mode.replace("1", "2", 1))])
     (_, (a,)), (_, (b,)) = predicted(rolls, HAND, PENCIL), predicted(slides, HAND, PENCIL)
     assert worst(a) != pytest.approx(worst(b), rel=1e-3)
+
+
+def test_while_nothing_moves_and_nobody_switches_the_error_stays():
+    (part,) = held_plan().parts
+    rest = {k: msgspec.structs.replace(c, p_OP=[c.p_OP[-1]] * 2, f_W=[c.f_W[-1]] * 2) for k, c in part.contacts.items()}
+    rows = {key: [getattr(part, key)[-1]] * 2 for key in ("q", "v", "X_WO", "V_WO", "q_offset")}
+    after = msgspec.structs.replace(part, t=[END, END + 1.0], contacts=rest, **rows)
+    parts, (first, second) = predicted(msgspec.structs.replace(held_plan(), parts=[part, after]), HAND, PENCIL)
+    assert parts == [0, 1]
+    assert second == pytest.approx(first, abs=1e-9)
 
 
 def test_small_errors_propagate_in_physics_as_predicted(carry):
