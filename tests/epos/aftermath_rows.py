@@ -13,6 +13,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -29,12 +30,14 @@ from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.executor import DriveRun, execute
+from drake_hand.epos.grip import LOST_S, LOST_SHARE
 from drake_hand.epos.person import Person
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.faults import InjectedFault
 from drake_hand.epos.state import DriveState
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.trajectory import Trajectory
 
 HELD_S = 1.0
 """For which Ctrl-C is answered by holding, of the drives' clock."""
@@ -53,6 +56,8 @@ class Scene:
     at_s: float
     """Plan time."""
     rng: np.random.Generator
+    record: Path
+    """What happened in physics, once the drives have ended."""
 
     def when(self) -> float:
         """Waits for the moment; the plan time then."""
@@ -160,25 +165,49 @@ def cable_out_then_from_here(scene: Scene) -> Answer:
 
 def object_taken(scene: Scene) -> Answer:
     """Somebody takes the object away."""
-    yield from _missed(scene, Mishap(kind="object_taken"), "the object is gone", GONE_WITHIN_S)
+    found = scene.play(lambda: scene.hand.spawned.inject(Mishap(kind="object_taken")))
+    faults = [f.text for f in found.record.header.faults]
+    if not faults or not faults[0].startswith("the object is gone"):
+        yield f"stopped by {faults}"
+    after = float(found.record.plan_time[found.record.playing][-1]) - scene.at_s
+    if after > GONE_WITHIN_S:
+        yield f"noticed after {after:.2f} s"
 
 
 def contact_lost(scene: Scene) -> Answer:
-    """A cable of a finger that presses comes off its drum."""
+    """A cable of a finger that presses comes off its drum: whoever touches no more, in physics, is named, nobody else.
+
+    That may be its neighbour, which it pressed against, or nobody: the finger's other joints may go on pressing.
+    """
     finger = str(scene.rng.choice(["little", "ring", "middle", "index"]))
-    yield from _missed(
-        scene, Mishap(kind="cable_off", joint=f"{finger}_flexion"), f"{finger} lost contact", LOST_WITHIN_S
-    )
-
-
-def _missed(scene: Scene, mishap: Mishap, words: str, within_s: float) -> Answer:
+    mishap = Mishap(kind="cable_off", joint=f"{finger}_flexion")
     found = scene.play(lambda: scene.hand.spawned.inject(mishap))
+    if left := scene.powered():
+        yield f"still powered: {left}"
+    scene.hand.outcome()  # ends the drives, and writes what happened
+    with np.load(scene.record) as record:
+        t, force = record["plan_time"], np.linalg.norm(record["f_W"], axis=2)
+    planned = np.linalg.norm(Trajectory(scene.plan).at(t).f_W, axis=2)
+    share = np.where(planned > 0.1, force / np.maximum(planned, 0.1), 1.0)
+    rows = t >= scene.at_s
+    lost = {name: _longest(t[rows], share[rows, i] < LOST_SHARE) for i, name in enumerate(scene.plan.fingers)}
     faults = [f.text for f in found.record.header.faults]
-    if not faults or not faults[0].startswith(words):
-        yield f"stopped by {faults}, not '{words}'"
-    after = float(found.record.plan_time[found.record.playing][-1]) - scene.at_s
-    if after > within_s:
-        yield f"noticed after {after:.2f} s"
+    named = [name for name in lost if faults and faults[0].startswith(f"{name} lost contact")]
+    if faults and not named:
+        yield f"stopped by {faults}"
+    if named and lost[named[0]] < LOST_S / 2:
+        yield f"{named[0]} was named, but touches: {lost}"
+    if max(lost.values()) > LOST_WITHIN_S:
+        yield f"without contact, s: {lost}; stopped by {faults}"
+
+
+def _longest(t: np.ndarray, yes: np.ndarray) -> float:
+    """Longest stretch of times for which something is so, s."""
+    longest, since = 0.0, None
+    for now, so in zip(t, yes, strict=True):
+        since = (now if since is None else since) if so else None
+        longest = max(longest, 0.0 if since is None else float(now - since))
+    return longest
 
 
 def zero_lost(scene: Scene) -> Answer:
@@ -211,14 +240,16 @@ def violations(row: str, seed: int, file: Path) -> list[str]:
         file: certified plan of the bundled hand, which holds an object for two seconds or more at its end.
     """
     rng = np.random.default_rng([seed, list(ROWS).index(row)])
-    plan, drives = Plan.load(file), Drives.load()
-    window = (hold_windows(plan)[0][0] + 0.2, plan.duration - _BEFORE_END_S)
-    handed_s = around_grasp(plan, plan.duration)[0] if ROWS[row] is cable_out_then_from_here else None
-    with spawn_physical_hand(drives, file, Schedule.build(plan, drives).q[0], handed_s=handed_s) as hand:
-        scene = Scene(file=file, plan=plan, drives=drives, hand=hand, at_s=float(rng.uniform(*window)), rng=rng)
-        found = list(ROWS[row](scene))
-        if ROWS[row] is not interrupted_and_held and (
-            left := scene.powered()
-        ):  # that one has asked, and ended the drives
-            found.append(f"still powered: {left}")
+    plan, drives, what = Plan.load(file), Drives.load(), ROWS[row]
+    at_s = float(rng.uniform(hold_windows(plan)[0][0] + 0.2, plan.duration - _BEFORE_END_S))
+    handed_s = around_grasp(plan, plan.duration)[0] if what is cable_out_then_from_here else None
+    q = Schedule.build(plan, drives).q[0]
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "x.physics.npz"
+        with spawn_physical_hand(drives, file, q, handed_s=handed_s, record=record) as hand:
+            scene = Scene(file=file, plan=plan, drives=drives, hand=hand, at_s=at_s, rng=rng, record=record)
+            found = list(what(scene))
+            asked = what in (interrupted_and_held, contact_lost)  # and have ended the drives
+            if not asked and (left := scene.powered()):
+                found.append(f"still powered: {left}")
     return found
