@@ -30,7 +30,7 @@ from drake_hand.epos.bus import BusSpec
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.excerpts import around_grasp
 from drake_hand.epos.executor import DriveRun, execute
-from drake_hand.epos.grip import LOST_S, LOST_SHARE
+from drake_hand.epos.grip import GONE_SHARE, LOST_S, LOST_SHARE
 from drake_hand.epos.person import Person
 from drake_hand.epos.schedule import Schedule
 from drake_hand.epos.sim.faults import InjectedFault
@@ -193,7 +193,9 @@ def contact_lost(scene: Scene) -> Answer:
     lost = {name: _longest(t[rows], share[rows, i] < LOST_SHARE) for i, name in enumerate(scene.plan.fingers)}
     faults = [f.text for f in found.record.header.faults]
     named = [name for name in lost if faults and faults[0].startswith(f"{name} lost contact")]
-    if faults and not named:
+    together = np.minimum(force, planned)[-1].sum() / planned[-1].sum()
+    gone = faults and faults[0].startswith("the object is gone") and together < 2 * GONE_SHARE
+    if faults and not named and not gone:
         yield f"stopped by {faults}"
     if named and lost[named[0]] < LOST_S / 2:
         yield f"{named[0]} was named, but touches: {lost}"
