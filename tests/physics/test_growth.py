@@ -83,6 +83,7 @@ def test_small_errors_propagate_in_physics_as_predicted(carry):
     assert np.linalg.norm(found) > 1.0
 
 
+@pytest.mark.slow
 def test_starts_are_simulated_beside_the_run_as_planned(carry):
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
     (found,) = grow(carry, starts=2, engine="mujoco")
