@@ -74,7 +74,8 @@ def predicted(plan: Plan, hand: Hand, object_: Object) -> tuple[list[int], np.nd
     for i, part in enumerate(plan.parts):
         inside = [max(part.t[0] + _INSIDE_S, windows[0][0]), part.t[-1] - _INSIDE_S]
         if inside[0] >= inside[1] or not any(a <= inside[1] <= b for a, b in windows):
-            error, taken = (np.eye(6), {}) if not part.contacts else (error, taken)
+            if not part.contacts:
+                error, taken = np.eye(6), {}
             continue
         states = trajectory.at(np.array(inside), part=i)
         for row in (0, 1):

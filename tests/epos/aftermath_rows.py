@@ -59,14 +59,19 @@ class Scene:
     record: Path
     """What happened in physics, once the drives have ended."""
 
-    def when(self) -> float:
-        """Waits for the moment; the plan time then."""
+    @property
+    def options(self) -> list[str]:
+        """Of a command on these drives."""
+        spawned = self.hand.spawned
+        return ["--drives", "kanguera", "--interface", spawned.interface, "--channel", spawned.channel]
+
+    def when(self) -> None:
+        """Waits for the moment."""
         known, end = self.plan.hash, time.monotonic() + _MOST_S
         while not (self.hand.clock.tells_of(known) and self.hand.clock.plan_time >= self.at_s):
             if time.monotonic() > end:
                 raise TimeoutError(f"plan time {self.at_s:.2f} s never comes")
             time.sleep(2e-3)
-        return self.hand.clock.plan_time
 
     def play(self, act: Callable[[], None], person: Person | None = None, *, hold: bool = False) -> DriveRun:
         """Plays the plan; something is done at the moment."""
@@ -83,10 +88,9 @@ class Scene:
 
     def type(self, *tokens: str) -> tuple[int, str]:
         """Runs a command on these drives; its status and what it prints."""
-        spawned, out = self.hand.spawned, io.StringIO()
-        bus = ["--drives", "kanguera", "--interface", spawned.interface, "--channel", spawned.channel]
+        out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-            status = run([*tokens, *bus])
+            status = run([*tokens, *self.options])
         return status, out.getvalue()
 
     def powered(self) -> list[str]:
@@ -114,10 +118,8 @@ Answer = Iterator[str]
 
 def killed_then_off(scene: Scene) -> Answer:
     """SIGKILL: the drives stop by themselves, powered, and `drives off` takes the power from all."""
-    spawned = scene.hand.spawned
-    bus = ["--drives", "kanguera", "--interface", spawned.interface, "--channel", spawned.channel]
     program = Path(sys.executable).with_name("drake-hand")
-    command = [str(program), "execute", str(scene.file), "--trust", "--yes", *bus]
+    command = [str(program), "execute", str(scene.file), "--trust", "--yes", *scene.options]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     scene.when()
     process.kill()

@@ -101,7 +101,6 @@ class Held:
 class Bed:
     """Drives, the master's bus to them, and the clock of both."""
 
-    drives: Drives
     plan: Plan
     sim: SimulatedDrives
     bus: can.BusABC
@@ -125,7 +124,7 @@ def _in_the_air(drives: Drives, timeline: Path, seed: int) -> Iterator[Bed]:
     with can.Bus(interface="virtual", channel=channel) as a, can.Bus(interface="virtual", channel=channel) as b:
         sim = SimulatedDrives(b, drives, log=timeline, seed=seed)
         with sim:
-            yield Bed(drives=drives, plan=plan, sim=sim, bus=a, now=time.time, sleep=time.sleep, after=after)
+            yield Bed(plan=plan, sim=sim, bus=a, now=time.time, sleep=time.sleep, after=after)
             for timer in timers:
                 timer.cancel()
 
@@ -164,7 +163,6 @@ def _in_physics(drives: Drives, timeline: Path, seed: int, held: Held) -> Iterat
         server.start()
         try:
             yield Bed(
-                drives=drives,
                 plan=held.plan,
                 sim=sim,
                 bus=a,
@@ -208,11 +206,12 @@ def run_case(case: Case, seed: int, sync_ms: int = 10, held: Held | None = None)
     rng = np.random.default_rng([seed, CASES.index(case)])
     drives = drives_of(case.types[seed % len(case.types)], sync_ms)
     possible = [d.joint for d in drives.drives if d.type in case.types or len(case.types) > 2]
+    schedule = Schedule.build(held.plan, drives) if held and case.mechanical else None
     while True:
         moment = float(rng.uniform(0, held.window[1] - held.window[0] if held else WITHIN_S))
         candidates = possible
-        if held and case.mechanical:
-            moving = _moving(Schedule.build(held.plan, drives), held.window[0] + moment)
+        if held and schedule:
+            moving = _moving(schedule, held.window[0] + moment)
             candidates = [j for j in possible if j in moving]
         if candidates:
             break
