@@ -1,7 +1,7 @@
 """Spheres that cover a shape completely, and reach as little beyond it as possible.
 
-A search computes millions of clearances. Between spheres each costs a square root. What the spheres reach beyond a link
-is room that the planner believes it lacks, so it is kept to a millimetre where few enough spheres achieve that.
+A search computes millions of clearances. Between spheres each costs a square root. What the spheres reach beyond a
+shape is room that the planner believes it lacks, so it is kept to a millimetre where few enough spheres achieve that.
 """
 
 from __future__ import annotations
@@ -41,9 +41,22 @@ def cover(g: Geometry, *, beyond: float, most: int) -> tuple[np.ndarray, np.ndar
     Returns:
         Centres (S, 3) in the frame the shape is posed in, and radii (S,), m.
     """
+    if g.kind not in ("box", "mesh"):
+        return cover_round(g)
+    mesh = replace(g, X_OG=np.eye(4)).to_trimesh()
+    centres, radii = _cover_mesh(mesh.vertices.tobytes(), mesh.faces.tobytes(), beyond, most)
+    return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radii
+
+
+def cover_round(g: Geometry) -> tuple[np.ndarray, np.ndarray]:
+    """Covers a sphere, a cylinder or a capsule.
+
+    Returns:
+        As `cover`.
+    """
     if g.kind == "sphere":
         centres, radii = np.zeros((1, 3)), np.array([g.size[0]])
-    elif g.kind in ("cylinder", "capsule"):
+    else:
         r, length = g.size
         n = max(1, int(np.ceil(length / (0.6 * r))))
         half = length / n / 2
@@ -51,9 +64,6 @@ def cover(g: Geometry, *, beyond: float, most: int) -> tuple[np.ndarray, np.ndar
         end = length / 2 - (half if g.kind == "cylinder" else 0.0)
         z = np.linspace(-end, end, n if g.kind == "cylinder" else n + 1)
         centres, radii = np.column_stack([np.zeros((len(z), 2)), z]), np.full(len(z), np.hypot(r, half))
-    else:
-        mesh = replace(g, X_OG=np.eye(4)).to_trimesh()
-        centres, radii = _cover_mesh(mesh.vertices.tobytes(), mesh.faces.tobytes(), beyond, most)
     return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radii
 
 

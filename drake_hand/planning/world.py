@@ -11,18 +11,20 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from drake_hand.contact.kernels.geometry import solid
+from drake_hand.contact.kernels.rolling import Chains
 from drake_hand.contact.kernels.rolling import chains as chains_of
 from drake_hand.model.object import Geometry
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
 from drake_hand.planning.kernels import world as kernels
+from drake_hand.planning.kernels.hulls import Hulls
 
 T = TypeVar("T")
 EDGE_M = 1.0e-3
@@ -45,26 +47,59 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         pivot: the paper's contact model instead of rolling.
     """
     chains = chains_of(clearance.kinematics)
-    still = clearance.still_shapes
-    first, spheres = [0], [0]
-    axis, p, r, tips, p_sphere, r_sphere, keep = [], [], [], [], [], [], []
+    nowhere = Geometry(kind="sphere", X_OG=_far(), size=(0.0,))
+    still = clearance.still_shapes or (nowhere,)
+    polyhedral = any(g.kind == "mesh" for g in clearance.surface.geometries)
+    return kernels.World(
+        chains=chains,
+        object=solid(clearance.surface.geometries),
+        object_hulls=clearance.object_hulls,
+        palm=solid(still),
+        palm_hulls=Hulls.of(still),
+        table=_table(clearance),
+        cover=_cover(clearance, chains),
+        p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
+        clearance=CLEARANCE_M,
+        edge=EDGE_M,
+        pivot=pivot,
+        substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
+    )
+
+
+def _cover(clearance: Clearance, chains: Chains) -> kernels.Cover:
+    """The links' spheres and hulls in frames of joints whose axes are theirs, as in `chains`."""
+    first, spheres, hull_first = [0], [0], [0]
+    axis, p, r, tips, p_sphere, r_sphere, hull, p_hull, keep = [], [], [], [], [], [], [], [], []
     for f, kin in enumerate(clearance.kinematics):
-        s = clearance.spheres(f)
+        s = clearance.links(f)
         U = [link[3] for link in kin._links]
-        G = len(s.around)
+        G, S = len(s.around), len(s.radius)
         for g, (_, rows) in enumerate(s.groups):
             a = int(s.joint[g])
             axis.append(chains.first[f] + a)
             p.append(U[a].T @ s.p_J[g])
             r.append(s.around[g])
             tips.append(bool(s.tip[rows].all()))
-            keep.append(clearance.keeps_off[f][g])
-            p_sphere += list(s.p_J[G:][rows] @ U[a])
+            hull.append(-1)
+            p_sphere += list(s.p_J[G : G + S][rows] @ U[a])
             r_sphere += list(s.radius[rows])
             spheres.append(len(r_sphere))
+        for h, (begin, end) in enumerate(itertools.pairwise(s.hulls.first)):
+            a = int(s.joint[G + S + begin])
+            points = s.hulls.p[begin:end] @ U[a]
+            middle = (points.min(axis=0) + points.max(axis=0)) / 2
+            axis.append(chains.first[f] + a)
+            p.append(middle)
+            r.append(float(np.linalg.norm(points - middle, axis=1).max()))
+            tips.append(bool(s.hull_tip[h]))
+            hull.append(len(hull_first) - 1)
+            p_hull += list(points)
+            hull_first.append(len(p_hull))
+            spheres.append(len(r_sphere))
+        keep += list(clearance.keeps_off[f])
         first.append(len(r))
     p_object, r_object = clearance.object_cover
-    cover = kernels.Cover(
+    return kernels.Cover(
         first=np.array(first),
         axis=np.array(axis),
         p=np.array(p),
@@ -73,23 +108,13 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         spheres=np.array(spheres),
         p_sphere=np.array(p_sphere),
         r_sphere=np.array(r_sphere),
-        still=np.array(keep, dtype=np.bool_).reshape(len(r), len(still)),
+        hull=np.array(hull),
+        hulls=Hulls(np.array(hull_first), np.array(p_hull).reshape(-1, 3), np.zeros(len(hull_first) - 1)),
+        still=np.array(keep, dtype=np.bool_).reshape(len(r), -1)
+        if clearance.still_shapes
+        else np.zeros((len(r), 1), bool),
         p_object=p_object,
         r_object=r_object,
-    )
-    polyhedral = any(g.kind == "mesh" for g in clearance.surface.geometries)
-    nowhere = Geometry(kind="sphere", X_OG=np.eye(4), size=(0.0,))
-    return kernels.World(
-        chains=chains,
-        object=solid(clearance.surface.geometries),
-        palm=solid(still or (replace(nowhere, X_OG=_far()),)),
-        table=_table(clearance),
-        cover=cover if still else cover._replace(still=np.zeros((len(r), 1), dtype=np.bool_)),
-        p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
-        clearance=CLEARANCE_M,
-        edge=EDGE_M,
-        pivot=pivot,
-        substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
     )
 
 

@@ -131,7 +131,7 @@ def test_fingers_keep_off_the_table():
     for finger in on.hand.fingers:
         i, kin = finger.index, on.kinematics[finger.index]
         q = kin.lower + rng.random((200, len(kin.lower))) * (kin.upper - kin.lower)
-        s, centres = on.spheres(i), on.centres(i, q)
+        s, centres = on.links(i), on.centres(i, q)
         least = (centres[:, len(s.around) :] @ table.up_W - table.height - s.radius).min(axis=1)
         np.testing.assert_allclose(on.to_palm(i, centres), np.minimum(off.to_palm(i, centres), least))
         assert (least < 0).any()

@@ -1,7 +1,7 @@
 """Clearances of one hand, finger by finger: from the object, from what stands still and from one another.
 
 Nothing is asked more often. Most of what is asked is far apart, so a sphere around each group is looked at first, and
-the spheres in it are put in place only where that one is near.
+the spheres in it, or the points of its hull, are put in place only where that one is near.
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ from numba import boolean, float64
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.geometry import closest, closest_of
 from drake_hand.contact.kernels.rolling import frames
+from drake_hand.planning.kernels.hulls import gap
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
 
 FEW_SPHERES = 12
 """Of a group: so few are asked one by one; of more, it is asked first whether the group is clear of the object."""
+IN_W = np.eye(4)[:3].copy()
+"""The pose of what is given in W."""
 SUNK_M = 2e-5
 """How deep poses of an object that lies on the table may be in it, m: a fifth of what the certificate allows."""
 
@@ -45,12 +48,24 @@ def place(w, f, q, s):
 
 @njit()
 def _spread(c, g, s):
-    """Puts the spheres of a placed group where they are."""
+    """Puts the spheres of a placed group, or the points of its hull, where they are."""
     if not s.spread[g]:
-        a = c.axis[g]
+        a, h = c.axis[g], c.hull[g]
+        if h >= 0:
+            for k in range(c.hulls.first[h], c.hulls.first[h + 1]):
+                _carried(s.p_placed[a], s.R_placed[a], c.hulls.p[k], s.hulls[k])
         for k in range(c.spheres[g], c.spheres[g + 1]):
             _carried(s.p_placed[a], s.R_placed[a], c.p_sphere[k], s.spheres[k])
         s.spread[g] = True
+
+
+@njit()
+def _hull_off(c, g, others, j, X, s, least):
+    """Whether the hull that placed group g is keeps clear of hull j of others, which are at X (3, 4)."""
+    _spread(c, g, s)
+    a, b, need = c.hulls.first[c.hull[g]], others.first[j], others.r[j] + least
+    end, other_end = c.hulls.first[c.hull[g] + 1], others.first[j + 1]
+    return gap(s.hulls, a, end, others.p, b, other_end, X, need, s.simplex) >= need
 
 
 @njit()
@@ -72,6 +87,14 @@ def off_object(w, f, X, s, with_tip, least):
         x, y, z = into(X, s.groups[g])
         need = c.r[g] + least
         if _outside(b, x, y, z) >= need:
+            continue
+        if c.hull[g] >= 0:
+            for j in range(len(b.kind)):
+                m, reach = b.middle[j], need + b.reach[j]
+                if (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2 >= reach * reach:
+                    continue
+                if not _hull_off(c, g, w.object_hulls, j, X, s, least):
+                    return False
             continue
         many = c.spheres[g + 1] - c.spheres[g] > FEW_SPHERES
         if many and closest(b, x, y, z, need)[6] >= need:
@@ -113,17 +136,41 @@ def off_palm(w, f, s, least):
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 if _above(w.table, s.spheres[k]) < c.r_sphere[k] + least:
                     return False
+            if c.hull[g] >= 0:
+                for k in range(c.hulls.first[c.hull[g]], c.hulls.first[c.hull[g] + 1]):
+                    if _above(w.table, s.hulls[k]) < least:
+                        return False
         if _outside(b, p[0], p[1], p[2]) >= c.r[g] + least:
             continue
         for h in range(len(b.kind)):
             need = c.r[g] + least
             if not c.still[g, h] or closest_of(b, h, p[0], p[1], p[2], need)[6] >= need:
                 continue
+            if c.hull[g] >= 0 and not _hull_off(c, g, w.palm_hulls, h, IN_W, s, least):
+                return False
             _spread(c, g, s)
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 need, x = c.r_sphere[k] + least, s.spheres[k]
                 if _outside(b, x[0], x[1], x[2]) < need and closest_of(b, h, x[0], x[1], x[2], need)[6] < need:
                     return False
+    return True
+
+
+@njit()
+def _groups_apart(c, g, h, s, least):
+    """Whether two placed groups that are near each other are clear; at least one is a hull."""
+    if c.hull[g] < 0:
+        g, h = h, g
+    _spread(c, g, s)
+    _spread(c, h, s)
+    a, end = c.hulls.first[c.hull[g]], c.hulls.first[c.hull[g] + 1]
+    if c.hull[h] >= 0:
+        b, other_end = c.hulls.first[c.hull[h]], c.hulls.first[c.hull[h] + 1]
+        return gap(s.hulls, a, end, s.hulls, b, other_end, IN_W, least, s.simplex) >= least
+    for k in range(c.spheres[h], c.spheres[h + 1]):
+        need = c.r_sphere[k] + least
+        if gap(s.hulls, a, end, s.spheres, k, k + 1, IN_W, need, s.simplex) < need:
+            return False
     return True
 
 
@@ -140,6 +187,10 @@ def apart(w, i, j, s, least):
         for h in range(c.first[j], c.first[j + 1]):
             b, reach = s.groups[h], c.r[g] + c.r[h] + least
             if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 >= reach * reach:
+                continue
+            if c.hull[g] >= 0 or c.hull[h] >= 0:
+                if not _groups_apart(c, g, h, s, least):
+                    return False
                 continue
             _spread(c, g, s)
             _spread(c, h, s)

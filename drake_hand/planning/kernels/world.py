@@ -15,6 +15,7 @@ from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import workspace
 from drake_hand.contact.kernels.geometry import ShapeArrays
 from drake_hand.contact.kernels.rolling import Chains
+from drake_hand.planning.kernels.hulls import Hulls
 
 END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING = range(9)
 """What ends a stroke or a hold."""
@@ -33,7 +34,10 @@ END_WORDS = (
 
 
 class Cover(NamedTuple):
-    """Spheres that cover the links of the fingers, in groups of one body each, and the object."""
+    """Spheres that cover round links of the fingers, in groups of one body each, hulls of the others, and the object.
+
+    A hull is a group of its own, of no spheres.
+    """
 
     first: np.ndarray
     """(n + 1,) a finger's first group."""
@@ -51,6 +55,10 @@ class Cover(NamedTuple):
     """(S, 3) m."""
     r_sphere: np.ndarray
     """(S,) m."""
+    hull: np.ndarray
+    """(G,) the hull that a group is; -1 where it is spheres."""
+    hulls: Hulls
+    """In the frames of the joints that they move with."""
     still: np.ndarray
     """(G, B) bool: whether a group has to keep clear of each shape that stands still."""
     p_object: np.ndarray
@@ -75,8 +83,12 @@ class World(NamedTuple):
 
     chains: Chains
     object: ShapeArrays
+    object_hulls: Hulls
+    """The same shapes as hulls."""
     palm: ShapeArrays
     """All shapes that stand still, in W."""
+    palm_hulls: Hulls
+    """The same shapes as hulls."""
     table: TableArrays
     cover: Cover
     p_OCom: np.ndarray
@@ -131,6 +143,9 @@ class Scratch(NamedTuple):
     spread: np.ndarray
     """(G,) whether the spheres of a group are where it is: they are put there when they are asked for."""
     spheres: np.ndarray
+    hulls: np.ndarray
+    """(V, 3) points of hulls, in W; with `spread`, as those of spheres."""
+    simplex: np.ndarray
     low: np.ndarray
     """(n, 3) of the box around each finger, in W."""
     high: np.ndarray
@@ -161,6 +176,8 @@ def scratch(w):
         np.full((G, 3), 1e3),
         np.ones(G, dtype=np.bool_),
         np.full((S, 3), 1e3),
+        np.full((len(w.cover.hulls.p), 3), 1e3),
+        np.zeros((4, 3)),
         np.full((n, 3), 1e3),
         np.full((n, 3), 1e3),
         np.zeros((3, m)),
@@ -192,12 +209,13 @@ def _types() -> tuple[numba.types.Type, ...]:
         ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), floats(0, 4), ints,
         floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
     )  # fmt: skip
+    hulls = Hulls(ints, floats(0, 3), floats(0))
     cover = Cover(
-        ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), np.zeros((0, 0), dtype=np.bool_),
-        floats(0, 3), floats(0),
+        ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), ints, hulls,
+        np.zeros((0, 0), dtype=np.bool_), floats(0, 3), floats(0),
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
-    world = World(chains, solid, solid, table, cover, floats(3), 0.0, 0.0, False, 0)
+    world = World(chains, solid, hulls, solid, hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
     load = Load(False, 0, floats(3), 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds, solid))
