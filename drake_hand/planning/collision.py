@@ -19,7 +19,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import Table, feet
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.hulls import Hulls, least_gaps
-from drake_hand.planning.link_shapes import LinkShapes, cover_object, keeps_off, link_shapes, standing
+from drake_hand.planning.link_shapes import LinkShapes, keeps_off, link_shapes, standing
 
 CLEARANCE_M = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
@@ -109,8 +109,6 @@ class Clearance:
         ]
         self.object_hulls, self.still_hulls = Hulls.of(self.surface.geometries), Hulls.of(self.still_shapes)
         """The object's shapes in O, and those that do not move in W, as hulls."""
-        self.object_cover = cover_object(self.surface)
-        """Centres (T, 3) in O and radii (T,) of spheres that cover the object, m."""
         self._postures: dict[int, Postures] = {}
 
     def links(self, i: int) -> LinkShapes:

@@ -1,4 +1,4 @@
-"""What a clearance is computed from: spheres that cover the round shapes of links, hulls of the others, the object.
+"""What a clearance is computed from: spheres that cover the round shapes of links, hulls of the others.
 
 Spheres are cheapest, and true to what is round. Boxes and meshes they blunt by millimetres, most of all the thin ones
 next to fingertips, which then seem to have no room to roll.
@@ -13,16 +13,11 @@ import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, GeometryId, Mesh, Sphere
 from pydrake.multibody.tree import RigidBody
 
-from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Finger
 from drake_hand.model.object import Geometry
 from drake_hand.model.scene import Scene
-from drake_hand.planning.cover import cover, cover_round
 from drake_hand.planning.kernels.hulls import Hulls
 
-_OBJECT_BEYOND_M, _OBJECT_MOST_SPHERES = 2.0e-3, 600
-"""How far the spheres that cover the object, which is to keep clear of the palm, reach beyond it, m, where no more
-than so many do."""
 _GROUP_SPHERES = 24
 """Spheres of a link that are looked at together."""
 
@@ -78,7 +73,7 @@ def link_shapes(scene: Scene, finger: Finger) -> LinkShapes:
     for index, body, X_JL in _bodies(scene, finger):
         shapes = [g for _, g in geometries(scene, body)]
         hulls += [(index, body, replace(g, X_OG=X_JL @ g.X_OG)) for g in shapes if g.kind in ("box", "mesh")]
-        covers = [cover_round(g) for g in shapes if g.kind not in ("box", "mesh")]
+        covers = [_cover(g) for g in shapes if g.kind not in ("box", "mesh")]
         if not covers:
             continue
         p_J = np.concatenate([p for p, _ in covers]) @ X_JL[:3, :3].T + X_JL[:3, 3]
@@ -161,7 +156,19 @@ def keeps_off(scene: Scene, links: LinkShapes, still: list[GeometryId]) -> np.nd
     return np.array(rows, dtype=bool).reshape(len(own), len(still))
 
 
-def cover_object(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (T, 3) in O and radii (T,) of spheres that cover an object, m."""
-    found = [cover(g, beyond=_OBJECT_BEYOND_M, most=_OBJECT_MOST_SPHERES) for g in surface.geometries]
-    return np.concatenate([p for p, _ in found]), np.concatenate([r for _, r in found])
+def _cover(g: Geometry) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (S, 3) in the frame that a sphere, cylinder or capsule is posed in, and radii (S,) of spheres around it.
+
+    They reach 4 % of the radius beyond it.
+    """
+    if g.kind == "sphere":
+        centres, radii = np.zeros((1, 3)), np.array([g.size[0]])
+    else:
+        r, length = g.size
+        n = max(1, int(np.ceil(length / (0.6 * r))))
+        half = length / n / 2
+        # The rim of a cylinder is covered from half a step inside; round ends have spheres of their own.
+        end = length / 2 - (half if g.kind == "cylinder" else 0.0)
+        z = np.linspace(-end, end, n if g.kind == "cylinder" else n + 1)
+        centres, radii = np.column_stack([np.zeros((len(z), 2)), z]), np.full(len(z), np.hypot(r, half))
+    return centres @ g.X_OG[:3, :3].T + g.X_OG[:3, 3], radii

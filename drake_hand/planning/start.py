@@ -17,7 +17,7 @@ from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear
-from drake_hand.planning.kernels.world import World
+from drake_hand.planning.kernels.world import World, scratch
 from drake_hand.planning.object_path import MOVING_KINDS, aligned, as_pose, build, pose
 from drake_hand.planning.on_table import laid
 from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
@@ -109,6 +109,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         held = any((opposite & a[:, None] & b[None]).any() for a, b in pairs)
         return float(held + sum(able) + sum(float(r.mean()) for r in reached))
 
+    room = scratch(world)
     found: list[tuple[float, np.ndarray]] = []
     best: list[float] = []
     for k in range(POSES_DRAWN):
@@ -127,7 +128,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         X = pose(_rounded(lies, clearance))
         way = build(X, moving).X_WO if moving else X[None]
         way = np.ascontiguousarray(way[np.linspace(0, len(way) - 1, _PATH_POSES).astype(int)])
-        if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), world.clearance) for x in way):
+        if all(clear.object_off_palm(world, np.ascontiguousarray(x[:3]), room, world.clearance) for x in way):
             worth = np.inf
             for x in way[:: (_PATH_POSES - 1) // 2]:
                 worth = min(worth, value(x))

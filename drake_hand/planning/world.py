@@ -98,7 +98,6 @@ def _cover(clearance: Clearance, chains: Chains) -> kernels.Cover:
             spheres.append(len(r_sphere))
         keep += list(clearance.keeps_off[f])
         first.append(len(r))
-    p_object, r_object = clearance.object_cover
     return kernels.Cover(
         first=np.array(first),
         axis=np.array(axis),
@@ -113,8 +112,6 @@ def _cover(clearance: Clearance, chains: Chains) -> kernels.Cover:
         still=np.array(keep, dtype=np.bool_).reshape(len(r), -1)
         if clearance.still_shapes
         else np.zeros((len(r), 1), bool),
-        p_object=p_object,
-        r_object=r_object,
     )
 
 

@@ -22,6 +22,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.hulls import Hulls, least_gaps
+from drake_hand.planning.kernels.world import scratch
 from drake_hand.planning.state import by_finger
 from drake_hand.planning.world import world
 
@@ -151,7 +152,7 @@ def test_clearances_of_boxes_are_true(blocky):
                 assert gap <= 1e-5
         hands, poses_, alone = by_finger(blocky, q)[None], X[None, :3].copy(), np.zeros((1, 4), dtype=bool)
         clear.clear(world_, poses_, hands, alone, ok)
-        palm = clear.object_off_palm(world_, poses_[0], CLEARANCE_M)
+        palm = clear.object_off_palm(world_, poses_[0], scratch(world_), CLEARANCE_M)
         assert ok[0] == (palm and min(said.values()) >= CLEARANCE_M)
         verdicts.add(bool(ok[0]))
     assert near > 50

@@ -11,6 +11,7 @@ from drake_hand.errors import InputError, NoPlanFound
 from drake_hand.model.table import Table
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.kernels import clear
+from drake_hand.planning.kernels.world import scratch
 from drake_hand.planning.object_path import pose
 from drake_hand.planning.on_table import check_release, check_start, laid
 from drake_hand.planning.start import POSES_OFFERED, close_by, variants
@@ -147,17 +148,17 @@ def test_fingers_keep_off_the_table():
 
 def test_the_object_may_touch_the_table_but_not_reach_into_it():
     w, X = world(clearance(CUBE), pivot=False), np.ascontiguousarray(pose(CUBE.start)[:3])
-    assert clear.object_off_palm(w, X, w.clearance)
+    assert clear.object_off_palm(w, X, scratch(w), w.clearance)
     X[0, 3] += 1e-4
-    assert not clear.object_off_palm(w, X, w.clearance)
+    assert not clear.object_off_palm(w, X, scratch(w), w.clearance)
     X[0, 3] -= 1e-2
-    assert clear.object_off_palm(w, X, w.clearance)
+    assert clear.object_off_palm(w, X, scratch(w), w.clearance)
 
 
 def test_without_a_table_nothing_is_below():
     w = world(Clearance(scene("kanguera", "cube")), pivot=False)
     X = np.hstack([np.eye(3), [[1.0], [0.0], [0.0]]])
-    assert clear.object_off_palm(w, X, w.clearance)
+    assert clear.object_off_palm(w, X, scratch(w), w.clearance)
 
 
 def test_the_plane_is_against_gravity():

@@ -60,12 +60,10 @@ def _spread(c, g, s):
 
 
 @njit()
-def _hull_off(c, g, others, j, X, s, least):
-    """Whether the hull that placed group g is keeps clear of hull j of others, which are at X (3, 4)."""
-    _spread(c, g, s)
-    a, b, need = c.hulls.first[c.hull[g]], others.first[j], others.r[j] + least
-    end, other_end = c.hulls.first[c.hull[g] + 1], others.first[j + 1]
-    return gap(s.hulls, a, end, others.p, b, other_end, X, need, s.simplex) >= need
+def _hulls_apart(a, p, i, b, q, j, X, s, least):
+    """Whether hull i of a, its points at p in W, keeps clear of hull j of b, its points at q in a frame at X (3, 4)."""
+    need = a.r[i] + b.r[j] + least
+    return gap(p, a.first[i], a.first[i + 1], q, b.first[j], b.first[j + 1], X, need, s.simplex) >= need
 
 
 @njit()
@@ -93,7 +91,8 @@ def off_object(w, f, X, s, with_tip, least):
                 m, reach = b.middle[j], need + b.reach[j]
                 if (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2 >= reach * reach:
                     continue
-                if not _hull_off(c, g, w.object_hulls, j, X, s, least):
+                _spread(c, g, s)
+                if not _hulls_apart(c.hulls, s.hulls, c.hull[g], w.object_hulls, w.object_hulls.p, j, X, s, least):
                     return False
             continue
         many = c.spheres[g + 1] - c.spheres[g] > FEW_SPHERES
@@ -146,9 +145,10 @@ def off_palm(w, f, s, least):
             need = c.r[g] + least
             if not c.still[g, h] or closest_of(b, h, p[0], p[1], p[2], need)[6] >= need:
                 continue
-            if c.hull[g] >= 0 and not _hull_off(c, g, w.palm_hulls, h, IN_W, s, least):
-                return False
             _spread(c, g, s)
+            own = c.hull[g]
+            if own >= 0 and not _hulls_apart(c.hulls, s.hulls, own, w.palm_hulls, w.palm_hulls.p, h, IN_W, s, least):
+                return False
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 need, x = c.r_sphere[k] + least, s.spheres[k]
                 if _outside(b, x[0], x[1], x[2]) < need and closest_of(b, h, x[0], x[1], x[2], need)[6] < need:
@@ -163,10 +163,9 @@ def _groups_apart(c, g, h, s, least):
         g, h = h, g
     _spread(c, g, s)
     _spread(c, h, s)
-    a, end = c.hulls.first[c.hull[g]], c.hulls.first[c.hull[g] + 1]
     if c.hull[h] >= 0:
-        b, other_end = c.hulls.first[c.hull[h]], c.hulls.first[c.hull[h] + 1]
-        return gap(s.hulls, a, end, s.hulls, b, other_end, IN_W, least, s.simplex) >= least
+        return _hulls_apart(c.hulls, s.hulls, c.hull[g], c.hulls, s.hulls, c.hull[h], IN_W, s, least)
+    a, end = c.hulls.first[c.hull[g]], c.hulls.first[c.hull[g] + 1]
     for k in range(c.spheres[h], c.spheres[h + 1]):
         need = c.r_sphere[k] + least
         if gap(s.hulls, a, end, s.spheres, k, k + 1, IN_W, need, s.simplex) < need:
@@ -219,18 +218,24 @@ def _on_table(t, X):
 
 
 @njit()
-def object_off_palm(w, X, least):
+def object_off_palm(w, X, s, least):
     """Whether the object at X (3, 4) is clear of what stands still; it may touch the table."""
-    c, b = w.cover, w.palm
+    o, b = w.object, w.palm
     if not _on_table(w.table, X):
         return False
-    for k in range(len(c.r_object)):
-        o, need = c.p_object[k], c.r_object[k] + least
-        x = X[0, 3] + X[0, 0] * o[0] + X[0, 1] * o[1] + X[0, 2] * o[2]
-        y = X[1, 3] + X[1, 0] * o[0] + X[1, 1] * o[1] + X[1, 2] * o[2]
-        z = X[2, 3] + X[2, 0] * o[0] + X[2, 1] * o[1] + X[2, 2] * o[2]
-        if _outside(b, x, y, z) < need and closest(b, x, y, z, need)[6] < need:
-            return False
+    for j in range(len(o.kind)):
+        m = o.middle[j]
+        x = X[0, 3] + X[0, 0] * m[0] + X[0, 1] * m[1] + X[0, 2] * m[2]
+        y = X[1, 3] + X[1, 0] * m[0] + X[1, 1] * m[1] + X[1, 2] * m[2]
+        z = X[2, 3] + X[2, 0] * m[0] + X[2, 1] * m[1] + X[2, 2] * m[2]
+        if _outside(b, x, y, z) >= o.reach[j] + least:
+            continue
+        for h in range(len(b.kind)):
+            n, reach = b.middle[h], o.reach[j] + b.reach[h] + least
+            if (x - n[0]) ** 2 + (y - n[1]) ** 2 + (z - n[2]) ** 2 >= reach * reach:
+                continue
+            if not _hulls_apart(w.palm_hulls, w.palm_hulls.p, h, w.object_hulls, w.object_hulls.p, j, X, s, least):
+                return False
     return True
 
 
@@ -261,7 +266,7 @@ def collides(w, q, touching, X, s):
         for j in range(f):
             if (touching[f] or touching[j]) and not apart(w, f, j, s, w.clearance):
                 return FINGERS, f
-    if not object_off_palm(w, X, w.clearance):
+    if not object_off_palm(w, X, s, w.clearance):
         return PALM, -1
     return END, -1
 

@@ -34,7 +34,7 @@ END_WORDS = (
 
 
 class Cover(NamedTuple):
-    """Spheres that cover round links of the fingers, in groups of one body each, hulls of the others, and the object.
+    """Spheres that cover round links of the fingers, in groups of one body each, and hulls of the others.
 
     A hull is a group of its own, of no spheres.
     """
@@ -61,10 +61,6 @@ class Cover(NamedTuple):
     """In the frames of the joints that they move with."""
     still: np.ndarray
     """(G, B) bool: whether a group has to keep clear of each shape that stands still."""
-    p_object: np.ndarray
-    """(T, 3) spheres that cover the object, in O, m."""
-    r_object: np.ndarray
-    """(T,) m."""
 
 
 class TableArrays(NamedTuple):
@@ -212,7 +208,7 @@ def _types() -> tuple[numba.types.Type, ...]:
     hulls = Hulls(ints, floats(0, 3), floats(0))
     cover = Cover(
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), ints, hulls,
-        np.zeros((0, 0), dtype=np.bool_), floats(0, 3), floats(0),
+        np.zeros((0, 0), dtype=np.bool_),
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
     world = World(chains, solid, hulls, solid, hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
