@@ -7,21 +7,21 @@ are tried before expensive ones: a grasp that lasts for the whole motion, then a
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning import approach, gait, grasp, start, steps
+from drake_hand.planning import gait, grasp
+from drake_hand.planning.attempts import closed, from_start, further_starts, lasts_longest, named_fingers, starts_beside
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder, follow
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.object_path import ObjectPath, still
-from drake_hand.planning.park import park
+from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.period import Period
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ReachTable
@@ -39,9 +39,6 @@ GAIT_SEARCHES, FREE_SEARCHES, BESIDE_GAITS = 6, 6, 3
 promising ones; and how many of these beside those for a gait."""
 START_POSES, FEW_STARTS = 16, 4
 """Start poses, at most, from which there is a grasp; and how many are tried where one lasts for the whole motion."""
-STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
-"""Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
-lasts for this share of the motion."""
 GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
 """Start poses for which a periodic gait is looked for, more of them as long as fewer than so many are found and none
 turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
@@ -72,7 +69,7 @@ def from_grasps(
         builder = begun.copy() if begun else problem.builder(task)
         try:
             with problem.stage("grasp"):
-                free.append(_free(problem, task, builder, wanted, moving, then))
+                free.append(from_start(problem, task, builder, wanted, moving, then))
         except NoPlanFound as e:
             failures.append(e)
         problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(free) / START_POSES)))
@@ -85,61 +82,21 @@ def from_grasps(
             yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
         if problem.task.start == "auto" and not begun:
             with problem.stage("grasp"):
-                free += _beside(problem, free, wanted, moving, then)
+                free += starts_beside(problem, free, wanted, moving, then)
             _most_promising_first(free)
             straight = any(x.search.straight for x in free)
     with problem.stage("grasp"):
         both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
-    yield from _in_turn(problem, coming_back[:GAIT_SEARCHES] + others, failures)
+    searching = coming_back[:GAIT_SEARCHES] + others
+    nearly = problem.task.start == "auto" and not begun and lasts_longest(free) is not None
+    more = further_starts(problem, tasks[k + 1 :], free, wanted, moving, then) if nearly else ()
+    yield from _in_turn(problem, searching, failures, more)
 
 
 def _most_promising_first(free: list[Attempt]) -> None:
     free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
-
-
-def _free(
-    problem: Problem, task: Task, builder: LegBuilder, wanted: Grasp, moving: list[Step], then: list[Grasp]
-) -> Attempt:
-    """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
-    path = problem.path(builder.X_WO, moving)
-    grasp.check_palm(problem.scene, problem.clearance, path)
-    named = _named(problem, wanted) or frozenset()
-    steps.settle(
-        builder, problem.clearance, park(problem.clearance, still(builder.X_WO), range(len(problem.hand.fingers)))
-    )
-    moves = problem.moves(task, path, named or frozenset(range(len(problem.hand.fingers))))
-    q = by_finger(problem.hand, builder.q)
-    sets = tuple(some for g in then if (some := _named(problem, g)))
-    roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power", then=sets)
-    search = Search(moves=moves, able=lambda x: _closed(problem, builder.copy(), x), progress=problem.progress)
-    search.begin(roots)
-    return Attempt(task=task, builder=builder, search=search)
-
-
-def _beside(
-    problem: Problem, free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
-) -> list[Attempt]:
-    """Searches that begin beside the start whose grasps last longest, where none lasts to the end but some nearly do.
-
-    Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
-    """
-    best = max(free, key=lambda x: x.search.lasting, default=None)
-    if best is None or best.search.lasting < NEARLY_LASTING_SHARE:
-        return []
-    found: list[Attempt] = []
-    rng = np.random.default_rng(problem.task.options.seed)
-    tried = 0
-    while tried < STARTS_BESIDE and not best.search.straight and time.monotonic() < problem.deadline:
-        task, tried = start.close_by(best.task, problem.clearance, rng), tried + 1
-        try:
-            found.append(_free(problem, task, problem.builder(task), wanted, moving, then))
-        except NoPlanFound:
-            continue
-        if found[-1].search.straight or found[-1].search.lasting > best.search.lasting:
-            best, tried = found[-1], 0
-    return found
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
@@ -159,15 +116,6 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
     return Attempt(task=x.task, builder=x.builder, search=search, ease=ease(moves, easiest))
 
 
-def _closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
-    """Closes the fingers on a grasp, if that is possible without a collision."""
-    contacts = {}
-    for i in np.flatnonzero(root.touching).tolist():
-        q = root.q[i, : len(problem.hand.fingers[i].columns)]
-        contacts[i] = approach.PlannedContact(q=q, n_W=root.n_W[i], p_OP=root.p_OP[i])
-    return approach.close(builder, problem.clearance, contacts)
-
-
 def from_contacts(
     problem: Problem, task: Task, builder: LegBuilder, path: ObjectPath, wanted: Grasp | None
 ) -> Iterator[LegBuilder]:
@@ -176,7 +124,7 @@ def from_contacts(
     Raises:
         NoPlanFound: there is none, or no further one.
     """
-    named = None if wanted is None else _named(problem, wanted)
+    named = None if wanted is None else named_fingers(problem, wanted)
     usable = _usable(problem, task) | frozenset(builder.touching)
     grasp.check_palm(problem.scene, problem.clearance, path)
     moves = problem.moves(task, path, usable | (named or frozenset()))
@@ -196,13 +144,8 @@ def from_contacts(
     search = Search(moves=moves, wanted=named, progress=problem.progress)
     search.begin([root])
     patience = None if named is None else HAND_OVER_EXPANSIONS
-    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], patience):
+    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], most=patience):
         yield after
-
-
-def _named(problem: Problem, wanted: Grasp) -> frozenset[int] | None:
-    """The fingers that a grasp asks for by name."""
-    return frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
 
 
 def _usable(problem: Problem, task: Task) -> frozenset[int]:
@@ -214,7 +157,11 @@ def _usable(problem: Problem, task: Task) -> frozenset[int]:
 
 
 def _in_turn(
-    problem: Problem, attempts: list[Attempt], failures: list[NoPlanFound], most: int | None = None
+    problem: Problem,
+    attempts: list[Attempt],
+    failures: list[NoPlanFound],
+    more: Iterable[Attempt | None] = (),
+    most: int | None = None,
 ) -> Iterator[tuple[Task, LegBuilder]]:
     """The motions that some searches find in turn, within a number of expansions if one is given."""
 
@@ -222,7 +169,7 @@ def _in_turn(
         spent = most is not None and sum(x.search.expansions for x in attempts) >= most
         return spent or time.monotonic() > problem.deadline
 
-    rounds = in_turn(attempts, failures, given_up, problem.deadline)
+    rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline)
     while True:
         before = sum(x.search.expansions for x in attempts)
         with problem.stage("search"):
@@ -291,8 +238,8 @@ def _built(problem: Problem, builder: LegBuilder, moves: Moves, end: Node) -> Le
     builder, chain = builder.copy(), end.chain
     with problem.stage("legs"):
         if not builder.touching:
-            closed = _closed(problem, builder, chain[0])
-            assert closed, "roots are asked before they are expanded"
+            able = closed(problem, builder, chain[0])
+            assert able, "roots are asked before they are expanded"
             builder.dwell()
         moves.evaluate([x for x in chain if not len(x.n_W)])
         follow(builder, moves, chain)

@@ -40,13 +40,18 @@ class Attempt:
 
 
 def in_turn(
-    attempts: list[Attempt], failures: list[NoPlanFound], out_of_time: Callable[[], bool], deadline: float
+    attempts: list[Attempt],
+    failures: list[NoPlanFound],
+    further: Iterator[Attempt | None],
+    out_of_time: Callable[[], bool],
+    deadline: float,
 ) -> Iterator[list[tuple[Attempt, Node]]]:
     """Rounds of searching; what each found.
 
     Args:
         attempts: any number.
         failures: of attempts that were not even begun.
+        further: attempts to add, one after each round that found nothing; None for none this time.
         out_of_time: asked before each round.
         deadline: on the monotonic clock.
 
@@ -65,6 +70,8 @@ def in_turn(
         found |= bool(done)
         for x, _ in done:
             x.search.restart()  # what was found did not do, nor would what is much like it
+        if not done and (another := next(further, None)) is not None:
+            attempts.append(another)
     late = out_of_time()
     if not found or late:
         failures = failures + [x.search.failure("timeout" if late else "infeasible") for x in attempts]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.planning import attempts as attempts_
 from drake_hand.planning import searches
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
@@ -60,10 +61,10 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=False))
 
     begun = []
-    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.append(failures) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.append(failures) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
 
@@ -79,10 +80,10 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
         )
 
     some = []
-    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: some.extend(these) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: some.extend(these) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert [x.task for x in some] == begun
 
@@ -91,9 +92,9 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
     ("lasting", "tried"),
     [
         ({0: 0.6, 1: 0.7, 2: 0.65, 3: 1.0, 4: 1.0}, [1, 2, 3]),  # until one lasts all the way
-        ({0: 0.6} | dict.fromkeys(range(1, 40), 0.5), [*range(1, 1 + searches.STARTS_BESIDE)]),  # none is better
-        ({0: 0.6, 5: 0.61} | dict.fromkeys([1, 2, 3, 4, *range(6, 40)], 0.1), [*range(1, 6 + searches.STARTS_BESIDE)]),
-        ({0: searches.NEARLY_LASTING_SHARE - 0.01, 1: 1.0}, []),
+        ({0: 0.6} | dict.fromkeys(range(1, 40), 0.5), [*range(1, 1 + attempts_.STARTS_BESIDE)]),  # none is better
+        ({0: 0.6, 5: 0.61} | dict.fromkeys([1, 2, 3, 4, *range(6, 40)], 0.1), [*range(1, 6 + attempts_.STARTS_BESIDE)]),
+        ({0: attempts_.NEARLY_LASTING_SHARE - 0.01, 1: 1.0}, []),
         ({0: 1.0, 1: 1.0}, []),
         ({}, []),
     ],
@@ -104,26 +105,47 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
         return SimpleNamespace(task=k, search=search)
 
     asked, beside = [], []
-    monkeypatch.setattr(searches, "_free", lambda problem, task, *_: asked.append(task) or attempt(task))
-    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: beside.append(task) or len(beside))
+    monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: asked.append(task) or attempt(task))
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: beside.append(task) or len(beside))
     free = [attempt(0)] if lasting else []
-    found = searches._beside(problem_of("auto"), free, Grasp(), [], [])
+    found = attempts_.starts_beside(problem_of("auto"), free, Grasp(), [], [])
     assert [x.task for x in found] == asked == tried
     best = [max(range(k), key=lambda x: (lasting[x], -x)) for k in tried]
     assert beside == best, "each step is taken from the best so far"
 
 
+def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_lasting_ones_join(monkeypatch):
+    lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 1.0, 12: 0.9, 13: 0.9}
+
+    def attempt(k: int) -> SimpleNamespace:
+        return SimpleNamespace(task=k, search=SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0))
+
+    def begin(problem, task, *_):
+        if task == 3:
+            raise NoPlanFound("out of reach")
+        return attempt(task)
+
+    beside = []
+    monkeypatch.setattr(attempts_, "from_start", begin)
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
+    more = attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(0)], Grasp(), [], [])
+    joined = [x and x.task for x in (next(more) for _ in range(7))]
+    assert joined == [None, None, None, None, 11, None, None]
+    assert beside == [2, 2, 11, 11], "the best so far"
+
+
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
+        farthest = SimpleNamespace(score=task)
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=lasts, lasting=0.0))
 
     told = []
-    monkeypatch.setattr(searches, "_free", grasps)
+    monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: told.append("gaits") or [])
-    monkeypatch.setattr(searches, "_beside", lambda problem, *_: told.append("beside") or [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures: iter(()))
+    monkeypatch.setattr(searches, "starts_beside", lambda problem, *_: told.append("beside") or [])
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: iter(()))
     assert list(searches.from_grasps(problem_of("auto"), list(range(40)), Grasp(), [], [])) == []
     assert told == asked
 
@@ -134,9 +156,9 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
     def none(*_):
         raise NoPlanFound("out of reach")
 
-    monkeypatch.setattr(searches, "_free", none)
-    monkeypatch.setattr(searches.start, "close_by", lambda task, clearance, rng: task)
-    assert searches._beside(problem_of("auto"), [first], Grasp(), [], []) == []
+    monkeypatch.setattr(attempts_, "from_start", none)
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: task)
+    assert attempts_.starts_beside(problem_of("auto"), [first], Grasp(), [], []) == []
 
 
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
@@ -146,10 +168,10 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
         return SimpleNamespace(task=task, search=search, ease=task)
 
     begun = []
-    monkeypatch.setattr(searches, "_free", lambda problem, task, *_: attempt(task, period=None))
+    monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
     monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures: begun.extend(some) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.extend(some) or iter(()))
     assert list(searches.from_grasps(problem_of(None), [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
     assert [x.task for x in begun if not x.search.period] == [2, 5, 4]
@@ -169,7 +191,7 @@ class _Search:
 
 def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more():
     some = [Attempt(task=None, builder=None, search=_Search(share)) for share in (0.9, 0.2, 0.5, 0.2)]
-    rounds = in_turn(some, [], lambda: False, np.inf)
+    rounds = in_turn(some, [], iter(()), lambda: False, np.inf)
     next(rounds)
     next(rounds)
     assert [x.search.expansions for x in some] == [SLICE_EXPANSIONS] * 4
@@ -178,3 +200,13 @@ def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_mo
     spent = [x.search.expansions for x in some]
     assert spent[0] > spent[2] > 2 * spent[1]
     assert min(spent) > SLICE_EXPANSIONS, "none is forgotten"
+
+
+def test_a_further_start_joins_after_each_round_that_found_nothing_and_has_its_turn():
+    some = [Attempt(task=None, builder=None, search=_Search(share)) for share in (0.9, 0.8)]
+    late = Attempt(task=None, builder=None, search=_Search(0.1))
+    rounds = in_turn(some, [], iter([None, late]), lambda: False, np.inf)
+    for _ in range(3):
+        next(rounds)
+    assert some[2:] == [late]
+    assert late.search.expansions == SLICE_EXPANSIONS
