@@ -31,8 +31,9 @@ TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
 SETS_EXAMINED, SETS_EXPLAINED = 300, 20
 """Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
-LASTING_FINGERS = 3
-"""Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
+FIRM_FINGERS = 3
+"""So many hold an object firmly: between two it turns about the line through both, but for the torsion of their pads.
+Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
 LOOKAHEAD_STEPS = 40
@@ -181,7 +182,7 @@ def _drawn(
         if len(c)
     }
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
-    enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, LASTING_FINGERS)
+    enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, FIRM_FINGERS)
     for f, share in lasting.items():
         weight = share + 0.05
         pick = rng.choice(len(share), SETS_DRAWN, p=weight / weight.sum())

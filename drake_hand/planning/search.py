@@ -20,6 +20,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.ease import at_ease
+from drake_hand.planning.grasp import FIRM_FINGERS
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
 from drake_hand.planning.state import Node, Stroke
@@ -159,9 +160,14 @@ class Search:
         return None
 
     def _arrived(self, states: list[Node]) -> Node | None:
-        """The state at the goal with the fewest regrasps, of those to whose root the hand can get."""
+        """The state at the goal with the fewest regrasps, held firmly if one is, of those whose root can be got to."""
         done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
-        return next(filter(self._founded, sorted(done, key=lambda x: x.regrasps)), None)
+        done.sort(key=lambda x: (x.regrasps, not self._firm(x)))
+        return next(filter(self._founded, done), None)
+
+    def _firm(self, x: Node) -> bool:
+        """Whether as many fingers touch as hold an object firmly, or as may touch."""
+        return self.moves.load.kinematic or x.touching.sum() >= min(FIRM_FINGERS, len(self.moves.fingers))
 
     def _answer(self, x: Node) -> Node:
         """Removes a state at the goal; another search begins with another grasp, where there is one."""
@@ -193,8 +199,9 @@ class Search:
 
     @property
     def straight(self) -> bool:
-        """Whether the object reaches the goal without a switch, from a start that the hand can get to."""
-        return self._arrived(self._onward) is not None
+        """Whether the object reaches the goal without a switch, held firmly, from a start that the hand can get to."""
+        answer = self._arrived(self._onward)
+        return answer is not None and self._firm(answer)
 
     @property
     def lasting(self) -> float:

@@ -352,6 +352,25 @@ def test_a_search_knows_whether_a_grasp_lasts_all_the_way():
     assert not straight(turn(10.0), able=lambda root: False), "no hand gets there"
 
 
+def test_a_grasp_of_two_fingers_lasts_only_where_no_more_may_touch():
+    """A certified strawberry between two fingers turned 41 deg about the line through both, in either engine."""
+    m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
+    search = Search(moves=m)
+    search.begin(roots(m))
+    firm = [x for x in search._onward if x.s == m.path.ticks and x.touching.sum() > 2]
+    two = np.cumsum(firm[0].touching) <= 2
+    pair = [replace(firm[0], touching=firm[0].touching & two)]
+    search.__dict__["_onward"] = pair
+    assert search._arrived(pair) in pair
+    assert not search.straight
+    search.__dict__["_onward"] = pair + firm
+    assert search._arrived(pair + firm) in firm
+    assert search.straight
+    few = Search(moves=replace(m, fingers=frozenset(np.flatnonzero(pair[0].touching).tolist())))
+    few.__dict__["_onward"] = pair
+    assert few.straight, "no more may touch"
+
+
 def test_a_grasp_that_lasts_is_an_answer_at_once_and_the_next_one_after_it():
     m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
     asked: list[Node] = []
