@@ -96,11 +96,13 @@ def further_starts(
 ) -> Iterator[Attempt | None]:
     """Searches from further starts, those offered and then such beside the best, if a grasp lasts to the end there.
 
-    Between rounds of searches that find it hard to lift a finger, this is an answer that needs no regrasp.
+    Between rounds of searches that find it hard to lift a finger, this is an answer that needs no regrasp. There is no
+    such start where no grasp nearly lasts.
     """
     rng = np.random.default_rng([problem.task.options.seed, 1])  # not the starts that `starts_beside` tried
     best = lasts_longest(free)
-    assert best is not None, "otherwise starts are not worth a look"
+    if best is None:
+        return
     beside = (start.close_by(best.task, problem.clearance, rng) for _ in itertools.count())
     for task in itertools.chain(tasks, beside):
         try:

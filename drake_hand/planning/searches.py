@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import gait, grasp
-from drake_hand.planning.attempts import closed, from_start, further_starts, lasts_longest, named_fingers, starts_beside
+from drake_hand.planning.attempts import closed, from_start, further_starts, named_fingers, starts_beside
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
@@ -65,6 +65,7 @@ def from_grasps(
     """
     failures: list[NoPlanFound] = []
     free: list[Attempt] = []
+    movable = problem.task.start == "auto" and not begun
     for k, task in enumerate(tasks):
         builder = begun.copy() if begun else problem.builder(task)
         try:
@@ -80,7 +81,7 @@ def from_grasps(
     if not (straight := any(x.search.straight for x in free)):
         for x, end in _gaits(problem, free):
             yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
-        if problem.task.start == "auto" and not begun:
+        if movable:
             with problem.stage("grasp"):
                 free += starts_beside(problem, free, wanted, moving, then)
             _most_promising_first(free)
@@ -90,8 +91,7 @@ def from_grasps(
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
     searching = coming_back[:GAIT_SEARCHES] + others
-    nearly = problem.task.start == "auto" and not begun and lasts_longest(free) is not None
-    more = further_starts(problem, tasks[k + 1 :], free, wanted, moving, then) if nearly else ()
+    more = further_starts(problem, tasks[k + 1 :], free, wanted, moving, then) if movable else ()
     yield from _in_turn(problem, searching, failures, more)
 
 

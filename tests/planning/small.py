@@ -11,7 +11,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning import approach
+from drake_hand.planning import approach, grasp
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.holding import Equilibrium, Holding
 from drake_hand.planning.kernels.world import World
@@ -19,7 +19,7 @@ from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ContactSpan, ReachTable
-from drake_hand.planning.state import by_finger
+from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.world import Grid, load_on_hand, world
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
 
@@ -103,6 +103,12 @@ def waiting(hand: str) -> np.ndarray:
     """(n, m) all fingers at home."""
     hand_ = Hand.load(hand)
     return by_finger(hand_, hand_.q_home)
+
+
+def roots(m: Moves, *, every: bool = False, most: bool = False) -> list[Node]:
+    """Grasps, the fingers that take no part at home."""
+    hand = m.clearance.hand
+    return grasp.roots(m, by_finger(hand, hand.q_home), every=every, most=most)
 
 
 def as_sets(c: Clearance, X: np.ndarray, q: np.ndarray, touching: np.ndarray) -> ContactSets:

@@ -6,25 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_hand.errors import NoPlanFound
-from drake_hand.planning import grasp
-from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.period import Period
 from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
 from drake_hand.planning.state import Node, Stroke
-from drake_hand.planning.strokes import draw_strokes, onward
+from drake_hand.planning.strokes import draw_strokes
 from drake_hand.planning.switches import draw_retreats, draw_switches
-from tests.planning.small import START, as_sets, equilibrium, move, moves, path, turn, waiting
+from tests.planning.small import START, as_sets, equilibrium, move, moves, path, roots, turn
 
 HAND, PENCIL = "quartet", "pencil_r8"
 SLIPPERY = equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, -9.81]))
 """Its weight along its axis."""
-
-
-def roots(m, *, every=False, most=False) -> list[Node]:
-    return grasp.roots(m, waiting(HAND), every=every, most=most)
 
 
 def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Search, Node | None]:
@@ -32,73 +25,6 @@ def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Sea
     search = Search(moves=m, wanted=wanted)
     search.begin(begin or roots(m))
     return search, search.run(budget, time.monotonic() + 60.0)
-
-
-# -- grasps
-
-
-def test_grasps_balance_the_object_and_are_clear():
-    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 20.0)))
-    found = roots(m)
-    assert 10 < len(found) <= grasp.ROOT_GRASPS
-    q, on = np.stack([x.q for x in found]), np.stack([x.touching for x in found])
-    X = np.repeat(m.path.X_WO[:1, :3], len(found), axis=0)
-    sets = as_sets(m.clearance, X, q, on)
-    assert (equilibrium(HAND, PENCIL).margins(sets) >= -1e-6).all()
-    for x in found:
-        centres = [m.clearance.centres(f, x.q[f : f + 1, : len(k.lower)]) for f, k in enumerate(m.clearance.kinematics)]
-        between = m.clearance.between
-        assert min(between(a, centres[a], b, centres[b])[0] for a in range(4) for b in range(a)) >= CLEARANCE_M
-    assert len({x.q.tobytes() for x in found}) == len(found)
-
-
-def test_grasps_that_last_all_the_way_come_first():
-    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 12.0)))
-    first = roots(m)[0]
-    (end,) = onward(m, [first])
-    assert end.s == m.path.ticks
-    assert end.regrasps == 0
-
-
-def test_all_named_fingers_touch_and_no_others():
-    m = moves(HAND, PENCIL, path(HAND, turn(5.0)), fingers=frozenset({0, 1, 3}))
-    assert {tuple(x.touching) for x in roots(m, every=True)} == {(True, True, False, True)}
-    some = {tuple(x.touching) for x in roots(m)}
-    assert not any(row[2] for row in some)
-    assert len(some) > 1
-
-
-def test_a_power_grasp_begins_with_most_fingers():
-    counts = [x.touching.sum() for x in roots(moves(HAND, PENCIL, path(HAND, turn(5.0))), most=True)]
-    assert counts == sorted(counts, reverse=True)
-    assert counts[0] == 4
-
-
-@pytest.mark.parametrize(
-    ("changes", "constraint", "words"),
-    [
-        (
-            {"holding": equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, -9.81]))},
-            "friction",
-            "none of 3000 sets of contacts",
-        ),
-        ({"holding": equilibrium(HAND, PENCIL, mass=50.0)}, "effort", "N are missing"),
-        ({"allowed": lambda touching: False}, "modes", "options.modes"),
-        ({"fingers": frozenset({0})}, "contacts", "2 fingers have to touch, 1 can"),
-    ],
-)
-def test_what_there_is_no_grasp_for_is_counted_and_named(changes, constraint, words):
-    with pytest.raises(NoPlanFound, match=words) as e:
-        roots(moves(HAND, PENCIL, path(HAND, turn(5.0)), **changes))
-    assert e.value.evidence.constraint == constraint
-
-
-def test_who_does_not_reach_the_object_is_named():
-    X = pose(START[HAND])
-    X[0, 3] = 0.5
-    with pytest.raises(NoPlanFound, match="within reach of left_1, left_2") as e:
-        roots(moves(HAND, PENCIL, still(X)))
-    assert e.value.evidence.constraint == "out of reach"
 
 
 # -- moves
@@ -222,29 +148,6 @@ def test_the_object_is_handed_over_to_the_fingers_wanted():
     _, end = searched(still(pose(START[HAND])), wanted=frozenset({0, 1, 3}), begin=begin, holding=Kinematic(2))
     assert tuple(end.touching) == (True, True, False, True)
     assert all(x.margins[-1] >= 0 for x in end.chain)
-
-
-def test_grasps_that_can_be_handed_over_come_first():
-    def shares(then: tuple[frozenset[int], ...]) -> np.ndarray:
-        """Of five grasps: how often random contacts of the other finger hold the object with those that stay."""
-        m = moves(HAND, PENCIL, still(pose(START[HAND])), fingers=frozenset({0, 1, 3}))
-        X, first = (
-            np.ascontiguousarray(m.path.X_WO[0, :3]),
-            grasp.roots(m, waiting(HAND), every=True, most=False, then=then),
-        )
-        q, rng = m.contacts(2, X)[0], np.random.default_rng(1)
-        out = []
-        for x in first[:5]:
-            tried = []
-            for pick in rng.integers(len(q), size=100):
-                posture = x.q.copy()
-                posture[2] = q[pick]
-                tried.append(Node(s=0.0, off=x.off, X=X, q=posture, touching=np.array([True, False, True, True])))
-            m.evaluate(tried)
-            out.append(np.mean([t.margins[-1] >= 0 for t in tried]))
-        return np.array(out)
-
-    assert shares((frozenset({0, 2, 3}),)).mean() > 1.5 * shares(()).mean()
 
 
 def test_a_finger_that_can_seldom_be_lifted_is_switched_where_it_can(monkeypatch):

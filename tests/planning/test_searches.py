@@ -132,13 +132,14 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
     joined = [x and x.task for x in (next(more) for _ in range(7))]
     assert joined == [None, None, None, None, 11, None, None]
     assert beside == [2, 2, 11, 11], "the best so far"
+    lasting[0] = attempts_.NEARLY_LASTING_SHARE - 0.01
+    assert list(attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(0)], Grasp(), [], [])) == []
 
 
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):
-        farthest = SimpleNamespace(score=task)
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=lasts, lasting=0.0))
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
 
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)

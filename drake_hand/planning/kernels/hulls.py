@@ -35,7 +35,7 @@ class Hulls(NamedTuple):
     @classmethod
     def of(cls, geometries: tuple[Geometry, ...]) -> Hulls:
         """Those of some shapes, in the frame that they are posed in."""
-        points = [_points(g) @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] for g in geometries]
+        points = [_points(g) for g in geometries]
         return cls(
             first=np.cumsum([0] + [len(p) for p in points]),
             p=np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *points])),
@@ -44,25 +44,20 @@ class Hulls(NamedTuple):
 
 
 def _points(g: Geometry) -> np.ndarray:
-    """(V, 3) those whose hull a shape is, rounded off, in its own frame."""
-    if g.kind == "mesh":
-        return np.asarray(g.vertices, dtype=float)
+    """(V, 3) those whose hull a shape is, rounded off, in the frame that it is posed in."""
     if g.kind == "box":
-        return np.array(np.meshgrid(*([-s / 2, s / 2] for s in g.size))).reshape(3, -1).T
-    if g.kind == "sphere":
-        return np.zeros((1, 3))
-    half = np.array([0.0, 0.0, g.size[1] / 2])
-    if g.kind == "capsule":
-        return np.stack([-half, half])
-    angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
-    r = g.size[0] / np.cos(np.pi / _SIDES)
-    rim = r * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)])
-    return np.concatenate([rim - half, rim + half])
-
-
-@njit()
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        return g.box_O
+    if g.kind == "mesh":
+        points = g.vertices
+    elif g.kind == "sphere":
+        points = np.zeros((1, 3))
+    else:
+        points = np.outer([-0.5, 0.5], [0.0, 0.0, g.size[1]])
+    if g.kind == "cylinder":
+        angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
+        rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)]) * g.size[0] / np.cos(np.pi / _SIDES)
+        points = (points[:, None] + rim).reshape(-1, 3)
+    return points @ g.X_OG[:3, :3].T + g.X_OG[:3, 3]
 
 
 @njit()
@@ -75,8 +70,8 @@ def _nearest(Y, n):
         How many those are, and the point: three numbers. Four of them have the origin between them.
     """
     a = Y[n - 1]
-    best, keep_b, keep_c = _dot(a, a), -1, -1
     x, y, z = a[0], a[1], a[2]
+    best, keep_b, keep_c = x * x + y * y + z * z, -1, -1
     for b in range(n - 1):
         e0, e1, e2 = Y[b, 0] - a[0], Y[b, 1] - a[1], Y[b, 2] - a[2]
         ee, ae = e0 * e0 + e1 * e1 + e2 * e2, a[0] * e0 + a[1] * e1 + a[2] * e2
