@@ -120,8 +120,8 @@ class Master:
 
     Args:
         bus: open; stays the caller's to shut down.
-        heartbeat_s: period of the master's own heartbeat; none if not given. Whoever keeps one has a quiet interpreter:
-            drives that watch it stop when something else in this process holds it up.
+        heartbeat_s: period of the master's own heartbeat; none if not given. Whoever keeps one has a quiet interpreter
+            and processors that stay awake: drives that watch it stop when something holds it up.
     """
 
     def __init__(self, bus: can.BusABC, *, heartbeat_s: float | None = None) -> None:
@@ -145,6 +145,7 @@ class Master:
     def __enter__(self) -> Master:
         if self._heartbeat_s and self.clock.real:
             self._quiet.enter_context(realtime.quiet_interpreter())
+            self._quiet.enter_context(realtime.awake_processors())
         self._thread.start()
         return self
 
