@@ -43,14 +43,14 @@ def plain(trajectory, scene, progress=None) -> Observed:
     gap[far], n_O[far] = np.nan, np.nan
     p_OC = np.einsum("kji,kfj->kfi", R_WO, found.p_WC - p_WO[:, None])
     radius = np.array([f.radius for f in scene.hand.fingers])
-    row = int(np.argmin(found.clearance))
+    rows = [int(np.argmin(np.where(seen.states.part == i, found.clearance, np.inf))) for i in range(len(seen.nearest))]
     return dataclasses.replace(
         seen,
         gap=gap,
         n_O=n_O,
         p_OC=p_OC,
         p_OS=p_OC - (radius + gap)[..., None] * n_O,
-        nearest=(float(found.clearance[row]), row, found.pair[row]),
+        nearest=[(float(found.clearance[row]), row, found.pair[row]) for row in rows],
         torque=found.torque,
     )
 

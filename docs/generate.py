@@ -53,7 +53,7 @@ def keys_page(name: str, kind: type) -> str:
             rows += ["| key | type | default | meaning |", "|---|---|---|---|"]
         told = attribute_docs(struct)
         for field in msgspec.structs.fields(struct):
-            default = "required" if field.required else f"`{plain(field)}`"
+            default = "required" if field.required else plain(field)
             meaning = " ".join(told.get(field.name, "").split()).replace("|", "\\|")
             rows.append(f"| `{field.encode_name}` | {type_words(field.type)} | {default} | {meaning} |")
         parts.append("\n".join(rows) + "\n")
@@ -87,7 +87,7 @@ def type_words(kind: Any) -> str:
     if origin is Literal:
         return " or ".join(f"`{value}`" for value in inner)
     if origin in (Union, UnionType):
-        return " or ".join(map(type_words, inner))
+        return " or ".join(type_words(kind) for kind in inner if kind is not msgspec.UnsetType)
     if origin is tuple and len(set(inner)) == 1:
         return f"[{', '.join(len(inner) * [type_words(inner[0])])}]"
     if origin is tuple:
@@ -116,9 +116,11 @@ def attribute_docs(struct: type) -> dict[str, str]:
 def plain(field: Any) -> str:
     """A default as it would be written in a file."""
     value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    if value is msgspec.UNSET:
+        return "left out"
     if isinstance(value, msgspec.Struct) and value == type(value)():
-        return "{}"  # each of its keys has its own default
-    return json.dumps(msgspec.to_builtins(value))
+        return "`{}`"  # each of its keys has its own default
+    return f"`{json.dumps(msgspec.to_builtins(value))}`"
 
 
 def first_line(thing: Any) -> str:

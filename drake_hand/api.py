@@ -109,13 +109,12 @@ def _cost(result: PlanResult) -> tuple[int, float, float]:
     """What makes one plan better than another: less of it."""
     from drake_hand.model.hand import Hand
     from drake_hand.model.object import Object
-    from drake_hand.physics.growth import predicted, worst
+    from drake_hand.physics.growth import worst_at_end
 
     plan = result.plan
     grown = 0.0
     if plan.task.options.hold == "equilibrium":
-        _, maps = predicted(plan, Hand.load(plan.task.hand), Object.load(plan.task.object))
-        grown = round(worst(maps[-1]), 2)
+        grown = round(worst_at_end(plan, Hand.load(plan.task.hand), Object.load(plan.task.object)), 2)
     return result.regrasps, grown, plan.duration
 
 

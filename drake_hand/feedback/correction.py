@@ -233,7 +233,7 @@ class Correction:
         tips = self._follow.tips[row] * on
         there = (tips @ goes).reshape(-1, 3)
         far = np.linalg.norm(there, axis=1)
-        out = far > self._tube.reach
+        out = far > self._reach(row)
         if out.any():
             outward = (there / np.maximum(far, 1e-9)[:, None])[out]
             moves = (tips @ roll).reshape(-1, 3, 6)[out]
@@ -250,7 +250,7 @@ class Correction:
         lower, upper = self._bounds(row)
         room = np.where(target > 0, upper, -lower) / np.maximum(np.abs(target), 1e-9)
         far = np.linalg.norm((self._follow.tips[row] @ target).reshape(-1, 3), axis=1)
-        share = np.minimum(np.minimum.reduceat(room, self._first), self._tube.reach / np.maximum(far, 1e-9))
+        share = np.minimum(np.minimum.reduceat(room, self._first), self._reach(row) / np.maximum(far, 1e-9))
         share = np.repeat(np.minimum(share, 1.0), self._count)
         self._saturated |= bool(np.any((share < 1.0) & (free > 0)))
         most = self._speed[row] * dt
@@ -259,6 +259,9 @@ class Correction:
     def _bounds(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         part = self._follow.part[row]
         return self._tube.lower[part], self._tube.upper[part]
+
+    def _reach(self, row: int) -> np.ndarray:
+        return self._tube.reach[self._follow.part[row]]
 
     def _note(self, row: int, before: np.ndarray) -> None:
         if self._dq is before:

@@ -5,18 +5,20 @@ Worked out when the plan is loaded, from the plan, its certificate and the hand 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
-from drake_hand.plans.plan import Plan
+from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory
 
-_CLEARANCE_SHARE = 0.6
-"""Of the least clearance, what a fingertip may be moved: the same joints move it farther as the finger bends on."""
+_CLEARANCE_SHARE = 0.45
+"""Of the least clearance, what a fingertip may be moved: another finger may come as far towards it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +32,10 @@ class Tube:
     """(parts, nq) largest."""
     limits: np.ndarray
     """(2, parts, nq) the same of this part alone: what is never exceeded."""
-    reach: float
-    """How far a fingertip may be moved off its planned path, m: most of the least clearance in the certificate."""
+    reach: np.ndarray
+    """(parts, fingers) how far a fingertip may be moved off its planned path, m: nearly half of what the hand's bodies
+    are apart in this part, until the finger lets go and after, and from where it takes hold next. The object does not
+    limit it: a correction brings fingers and object to where they are to be relative to each other."""
     turn: np.ndarray
     """(parts,) error of the object's rotation that is corrected at most, rad: the friction cone's room, by angle."""
 
@@ -48,43 +52,46 @@ class Tube:
         """
         if not plan.certified or plan.certificate is None:
             raise InputError("only certified plans are corrected", key="certificate", expected="one that holds")
-        overlap = plan.certificate.worst["penetration_mm"].value
-        cone = np.arctan(plan.task.physics.friction)
-        lower, upper, turn = [], [], []
-        for part in plan.parts:
-            command = np.array(part.q) + (np.array(part.q_offset) if part.q_offset else 0.0)
-            # Offsets may rest a free finger on its limit; where there is no room there is no correction.
-            lower.append(np.minimum(hand.q_lower - command.min(axis=0), 0.0))
-            upper.append(np.maximum(hand.q_upper - command.max(axis=0), 0.0))
-            turn.append(cone)
-        room = np.array(turn)
-        for i, angle in _force_angles(plan):
-            room[i] = min(room[i], cone - angle)
-        limits = np.array([lower, upper])
-        ahead = _ahead(plan, hand, limits)
-        return cls(
-            lower=ahead[0],
-            upper=ahead[1],
-            limits=limits,
-            reach=_CLEARANCE_SHARE * max(0.0, -1e-3 * (0.0 if overlap is None else overlap)),
-            turn=np.maximum(room, 0.0),
-        )
+        commands = [np.array(part.q) + (np.array(part.q_offset) if part.q_offset else 0.0) for part in plan.parts]
+        # Offsets may rest a free finger on its limit; where there is no room there is no correction.
+        lower = np.minimum([hand.q_lower - command.min(axis=0) for command in commands], 0.0)
+        upper = np.maximum([hand.q_upper - command.max(axis=0) for command in commands], 0.0)
+        limits, clear = np.array([lower, upper]), _CLEARANCE_SHARE * 1e-3 * _apart_mm(plan, plan.certificate)
+        reach = np.empty((len(plan.parts), len(hand.fingers)))
+        for i, finger in enumerate(hand.fingers):
+            columns = slice(finger.columns[0], finger.columns[-1] + 1)
+            for now, ahead in _stretches(plan, i):
+                lower[now, columns] = limits[0, ahead, columns].max(axis=0)
+                upper[now, columns] = limits[1, ahead, columns].min(axis=0)
+                reach[now, i] = clear[ahead].min()
+        return cls(lower=lower, upper=upper, limits=limits, reach=reach, turn=_turn(plan))
 
 
-def _ahead(plan: Plan, hand: Hand, limits: np.ndarray) -> np.ndarray:
-    """(2, parts, nq) limits (2, parts, nq) cut to what a finger needs from now until it has let go, and taken hold."""
-    out = limits.copy()
-    for i, finger in enumerate(hand.fingers):
-        touches = np.array([mode[i] != "0" for mode in plan.modes])
-        starts = [0, *(np.flatnonzero(np.diff(touches)) + 1), len(touches)]
-        stretches = [slice(a, b) for a, b in pairwise(starts)]
-        for k, stretch in enumerate(stretches):
-            # A contact lasts into the time after it; while free, a finger makes for the contact that comes.
-            until = stretches[min(k + (1 if touches[stretch.start] else 2), len(stretches) - 1)].stop
-            c, rows = finger.columns, slice(stretch.start, until)
-            out[0, stretch, c[0] : c[-1] + 1] = limits[0, rows, c[0] : c[-1] + 1].max(axis=0)
-            out[1, stretch, c[0] : c[-1] + 1] = limits[1, rows, c[0] : c[-1] + 1].min(axis=0)
-    return out
+def _apart_mm(plan: Plan, certificate: Certificate) -> np.ndarray:
+    """(parts,) how far bodies are apart; the least clearance of the plan where an older certificate tells only that."""
+    if certificate.apart_mm is not msgspec.UNSET:
+        return np.array(certificate.apart_mm)
+    return np.full(len(plan.parts), max(0.0, -(certificate.worst["penetration_mm"].value or 0.0)))
+
+
+def _stretches(plan: Plan, finger: int) -> Iterator[tuple[slice, slice]]:
+    """Parts in which a finger touches or is free all along, and those to look at: until it has let go and taken hold.
+
+    A contact lasts into the time after it; while free, a finger makes for the contact that comes.
+    """
+    touches = np.array([mode[finger] != "0" for mode in plan.modes])
+    starts = [0, *(np.flatnonzero(np.diff(touches)) + 1), len(touches)]
+    for k, (first, end) in enumerate(pairwise(starts)):
+        yield slice(first, end), slice(first, starts[min(k + (2 if touches[first] else 3), len(starts) - 1)])
+
+
+def _turn(plan: Plan) -> np.ndarray:
+    """(parts,) what the friction cone leaves of its angle, rad."""
+    cone = np.arctan(plan.task.physics.friction)
+    turn = np.full(len(plan.parts), cone)
+    for i, angle in _force_angles(plan):
+        turn[i] = min(turn[i], cone - angle)
+    return np.maximum(turn, 0.0)
 
 
 def _force_angles(plan: Plan) -> list[tuple[int, float]]:
@@ -92,11 +99,10 @@ def _force_angles(plan: Plan) -> list[tuple[int, float]]:
     from drake_hand.contact.surface import Surface
     from drake_hand.model.object import Object
 
-    surface = Surface.of(Object.load(plan.task.object))
+    surface, trajectory = Surface.of(Object.load(plan.task.object)), Trajectory(plan)
     out = []
     for i, part in enumerate(plan.parts):
-        trajectory = Trajectory(plan).at(np.array(part.t), part=i)
-        R_WO = trajectory.X_WO[:, :3, :3]
+        R_WO = trajectory.at(np.array(part.t), part=i).X_WO[:, :3, :3]
         for contact in part.contacts.values():
             if contact.f_W is None:
                 continue

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.chain import FingerKinematics, material_jacobian, skew
+from drake_hand.contact.error_growth import SCALE, ContactSpring, ErrorGrowth, worst
 from drake_hand.contact.submodel import Submodel
 from drake_hand.contact.surface import Surface
 from drake_hand.errors import InputError
@@ -21,14 +21,9 @@ from drake_hand.physics.run import Record
 from drake_hand.physics.runs import cores, in_processes
 from drake_hand.plans.holds import hold_windows
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.trajectory import States, Trajectory
+from drake_hand.plans.trajectory import Trajectory
 
-START_MM, START_DEG = 1.0, 2.0
-"""An error of this position and this rotation together has size 1."""
-_SCALE = 1 / np.sqrt(2) / np.repeat([np.radians(START_DEG), START_MM * 1e-3], 3)
 _INSIDE_S = 1e-6
-_STIFFEST_M_PER_N = 1e-8
-"""What a contact yields at least; a finger may be rigid in a direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,13 +44,7 @@ class Growth:
 
 
 def predicted(plan: Plan, hand: Hand, object_: Object) -> tuple[list[int], np.ndarray]:
-    """Linear maps from the error at the start to that at the end of each part.
-
-    Fingers are springs: along a contact's normal they pull the object to where it is planned; along the surface they
-    hold it where it was when they took hold, since a tip that sticks, or rolls, does not slide back. A sliding tip
-    holds nothing there. So e = K^-1 sum G k_t a, where K is the stiffness of all contacts together, G the grasp matrix
-    of each, k_t the tangential part of its stiffness, and a the error of its point as it took hold. Left out are
-    gravity, the shape of the surface beside the contact, and slip.
+    """Linear maps from the error at the start to that at the end of each part, as of `contact.error_growth`.
 
     Args:
         plan: in equilibrium.
@@ -68,53 +57,30 @@ def predicted(plan: Plan, hand: Hand, object_: Object) -> tuple[list[int], np.nd
     """
     surface, trajectory = Surface.of(object_), Trajectory(plan)
     windows = hold_windows(plan)
-    error: np.ndarray = np.eye(6)
-    taken: dict[int, np.ndarray] = {}  # (3, 6) of each contact's point as it took hold
+    growth = ErrorGrowth()
     parts, maps = [], []
     for i, part in enumerate(plan.parts):
         inside = [max(part.t[0] + _INSIDE_S, windows[0][0]), part.t[-1] - _INSIDE_S]
         if inside[0] >= inside[1] or not any(a <= inside[1] <= b for a, b in windows):
             if not part.contacts:
-                error, taken = np.eye(6), {}
+                growth = ErrorGrowth()
             continue
         states = trajectory.at(np.array(inside), part=i)
-        for row in (0, 1):
-            K, pulled = np.zeros((6, 6)), np.zeros((6, 6))
-            for f, finger in enumerate(hand.fingers):
-                if finger.name not in part.contacts:
-                    taken.pop(f, None)
-                    continue
-                G, k, nhat = _spring(states, row, f, hand, object_, surface)
-                along = np.eye(3) - np.outer(nhat, nhat)
-                if Submodel(int(part.mode[f])) is Submodel.SLIDE:
-                    along = np.zeros((3, 3))
-                a = taken[f] = along @ taken.get(f, G.T @ error)
-                held = along + np.outer(nhat, nhat)
-                K += G @ held @ k @ held @ G.T
-                pulled += G @ held @ k @ a
-            error = np.linalg.lstsq(K, pulled, rcond=1e-9)[0]
+        on = [f for f, finger in enumerate(hand.fingers) if finger.name in part.contacts]
+        for q, X_WO in zip(states.q, states.X_WO, strict=True):
+            springs = {
+                f: ContactSpring.of(hand, f, q[hand.fingers[f].columns], surface, X_WO, object_.p_OCom) for f in on
+            }
+            growth.settle(springs, [f for f in on if Submodel(int(part.mode[f])) is Submodel.SLIDE])
         parts.append(i)
-        maps.append(error)
+        maps.append(growth.gain)
     return parts, np.array(maps).reshape(-1, 6, 6)
 
 
-def worst(gain: np.ndarray) -> float:
-    """Largest error that a map (6, 6) makes of one of size 1."""
-    return float(np.linalg.norm(_SCALE[:, None] * gain / _SCALE, 2))
-
-
-def _spring(
-    states: States, row: int, f: int, hand: Hand, object_: Object, surface: Surface
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Grasp matrix (6, 3), stiffness (3, 3) and outward normal (3,) of a finger's contact, in W."""
-    finger, X = hand.fingers[f], states.X_WO[row]
-    p_WC, _, J, Jw = FingerKinematics.of(hand, finger).jacobian(states.q[row : row + 1, finger.columns])
-    p_OC = X[:3, :3].T @ (p_WC[0] - X[:3, 3])
-    nhat = X[:3, :3] @ surface.closest(p_OC[None])[1][0]
-    J_P = material_jacobian(J, Jw, finger.radius * nhat[None])[0]
-    yields = J_P / hand.stiffness[finger.columns] @ J_P.T + np.outer(nhat, nhat) / hand.pad.point_stiffness_n_m
-    r = p_WC[0] - finger.radius * nhat - (X[:3, :3] @ object_.p_OCom + X[:3, 3])
-    return np.vstack([skew(r), np.eye(3)]), np.linalg.inv(yields + _STIFFEST_M_PER_N * np.eye(3)), nhat
+def worst_at_end(plan: Plan, hand: Hand, object_: Object) -> float:
+    """Predicted size, at the end, of the worst error of size 1; 0 where fingers never hold the object by themselves."""
+    maps = predicted(plan, hand, object_)[1]
+    return worst(maps[-1]) if len(maps) else 0.0
 
 
 def grow(
@@ -159,7 +125,7 @@ def grow(
         if progress:
             progress(done / len(changes))
     e = np.array([_errors(found[i + 1], found[0]) for i in range(starts)])
-    simulated = np.mean(np.linalg.norm(_SCALE * e, axis=2), axis=0)
+    simulated = np.mean(np.linalg.norm(SCALE * e, axis=2), axis=0)
     at = np.array([[*np.radians(x.turn_deg), *(1e-3 * np.array(x.shift_mm))] for x in changes[1:]])
     expected = np.einsum("pij,sj->spi", maps, at)
     return [
@@ -167,7 +133,7 @@ def grow(
             part=part,
             time_s=round(float(t), 3),
             worst=worst(maps[k]),
-            predicted=float(np.mean(np.linalg.norm(_SCALE * expected[:, k], axis=1))),
+            predicted=float(np.mean(np.linalg.norm(SCALE * expected[:, k], axis=1))),
             simulated=float(simulated[k]) if np.isfinite(simulated[k]) else None,
         )
         for k, (part, t) in enumerate(zip(parts, times, strict=True))

@@ -263,8 +263,7 @@ class DrakeSimulation:
 
     def _velocity(self, body: RigidBody, p_W: np.ndarray) -> np.ndarray:
         V = self.plant.EvalBodySpatialVelocityInWorld(self._context, body)
-        origin = self.plant.EvalBodyPoseInWorld(self._context, body).translation()
-        return V.translational() + np.cross(V.rotational(), p_W - origin)
+        return V.Shift(p_W - self.plant.EvalBodyPoseInWorld(self._context, body).translation()).translational()
 
     def _name(self, geometry: GeometryId) -> str:
         if geometry == self._table:

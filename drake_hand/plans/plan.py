@@ -95,6 +95,9 @@ class Certificate(_Strict, frozen=True, kw_only=True):
     """Fields that do not keep their limit."""
     plan_hash: str
     """Hash of the plan it certifies."""
+    apart_mm: list[float] | msgspec.UnsetType = msgspec.UNSET
+    """By part: how far the hand's bodies stay from one another and from a table, as far as is looked at; older files
+    lack it."""
     digest: str = ""
     """sha256 over all of the certificate but this."""
 

@@ -73,10 +73,10 @@ class Along(Measured):
 
     @property
     def clearance(self) -> tuple[np.ndarray, Where]:
-        """(N,) m; `NEAR_M` but at the sample where it is least, which is the only one looked at closely."""
-        least, sample, pair = self.seen.nearest
-        there = self.rows == sample
-        return np.where(there, least, NEAR_M), [pair if x else "" for x in there]
+        """(N,) m; `NEAR_M` but at the sample of each part where it is least, which alone is looked at closely."""
+        least = {sample: (distance, pair) for distance, sample, pair in self.seen.nearest}
+        found = [least.get(int(row), (NEAR_M, "")) for row in self.rows]
+        return np.array([distance for distance, _ in found]), [pair for _, pair in found]
 
     def _states(self, rows: np.ndarray) -> State:
         s = self.seen.states

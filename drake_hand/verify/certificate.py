@@ -81,6 +81,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
         worst=findings.worst,
         failures=findings.failures,
         plan_hash=plan.hash,
+        apart_mm=[max(0.0, gap) for _, gap in sorted(findings.apart_mm.items())],
     ).sealed()
 
 

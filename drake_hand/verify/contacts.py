@@ -24,9 +24,10 @@ def check_contacts(seen: Observed, plan: Plan, findings: Findings) -> None:
     findings.add("contact_mm", stated_mm, s.t, s.part, [f"{f}, stated point" for f in fingers])
     slip = pivot_slip(seen) if plan.task.options.model == "pivot" else rolling_slip(seen)
     findings.add("slip_mm", slip * 1000, s.t, s.part, fingers)
-    for depth, row, pair in ((-seen.nearest[0], *seen.nearest[1:]), seen.between):
+    for depth, row, pair in (*((-distance, row, pair) for distance, row, pair in seen.nearest), seen.between):
         if pair or depth < 0:
             findings.add("penetration_mm", np.array([depth * 1000]), s.t[[row]], s.part[[row]], [pair])
+    findings.keep_apart(1000 * np.array(seen.apart), np.arange(len(seen.apart)))
     tips = free_tips_mm(seen.gap * 1000, seen.digits, TOLERANCES["contact_mm"])
     findings.add("penetration_mm", tips, s.t, s.part, [f"{f}, free, and object" for f in fingers])
     _check_slides(seen, plan, findings)

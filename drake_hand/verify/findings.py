@@ -16,6 +16,8 @@ class Findings:
     """Collects the worst value of every field."""
 
     worst: dict[str, Worst] = field(default_factory=dict)
+    apart_mm: dict[int, float] = field(default_factory=dict)
+    """By part: how far the hand's bodies stay from one another and from a table, as far as was looked at."""
 
     def add(
         self,
@@ -58,6 +60,11 @@ class Findings:
             part=int(part[row]),
             where=label,
         )
+
+    def keep_apart(self, gap_mm: np.ndarray, part: np.ndarray) -> None:
+        """Keeps the least of gaps (k,) for each part (k,)."""
+        for i in np.unique(part).tolist():
+            self.apart_mm[i] = min(self.apart_mm.get(i, np.inf), float(gap_mm[part == i].min()))
 
     @property
     def failures(self) -> list[str]:

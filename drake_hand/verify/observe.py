@@ -23,7 +23,9 @@ SPACING_S = 2e-3
 SPACING_DEG = 0.25
 """Largest distance between samples in time and in rotation of the object."""
 NEAR_M = 2e-3
-"""m; clearances beyond this are not looked at."""
+"""m; clearances beyond this are not looked at ..."""
+APART_M = 5e-3
+"""... but those of the hand's bodies from one another, beyond this."""
 CHUNK_SAMPLES = 2048
 """Samples looked at together, on one core."""
 
@@ -45,9 +47,11 @@ class Observed:
     """(k, F, 3) object's outward normal towards the tip; NaN likewise."""
     p_OS: np.ndarray
     """(k, F, 3) point of the object's surface nearest to the tip; NaN likewise."""
-    nearest: tuple[float, int, str]
-    """Least distance of any two shapes other than a fingertip and the object, m, at most `NEAR_M`; at which sample, and
-    between which bodies."""
+    nearest: list[tuple[float, int, str]]
+    """By part: least distance of any two shapes other than a fingertip and the object, m, at most `NEAR_M`; at which
+    sample, and between which bodies."""
+    apart: list[float]
+    """By part: the same of shapes of the hand alone, m, at most `APART_M`."""
     between: tuple[float, int, str]
     """How deep, at most, such a pair can be in each other between samples, or a FREE tip in the object beyond what a
     contact tolerates, m; after which sample, and which bodies."""
@@ -103,7 +107,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     torque, weight = np.zeros((k, hand.nq)), np.zeros((k, hand.nq))
     shapes = Shapes.of(scene, tree)
     travel = _travel(trajectory, states, tree, levers(tree, shapes.size[:-1], scene), shapes.size[-1])
-    clearances = Clearances(scene, shapes, trajectory, NEAR_M)
+    clearances = Clearances(scene, shapes, trajectory, near=NEAR_M, apart=APART_M)
 
     def look(first: int) -> Near:
         rows = slice(first, min(first + CHUNK_SAMPLES, k))
@@ -130,9 +134,9 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
             clearances.take(near)
             if progress is not None:
                 progress(min(first + CHUNK_SAMPLES, k) / k)
-    nearest = clearances.least(states, travel)
+    nearest, apart = clearances.least(states, travel)
     between = grazed = (0.0, 0, "")
-    if nearest[0] >= 0:  # else that tells all
+    if min(nearest)[0] >= 0:  # else that tells all
         between = clearances.between(states, travel)
         grazed = _free_tips_between(trajectory, states, scene, digits, gap, travel)
     far = (digits == 0) & (gap > NEAR_M)
@@ -146,6 +150,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
         n_O=n_O,
         p_OS=p_OC - (radius + gap)[..., None] * n_O,
         nearest=nearest,
+        apart=apart,
         between=max(between, grazed, key=lambda found: found[0]),
         travel=travel,
         J_WS=J_WS,

@@ -120,10 +120,13 @@ Near = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Clearances:
-    """Gathers where pairs may be near, and finds the one that comes nearest."""
+    """Gathers where pairs may be near, and finds those that come nearest."""
 
-    def __init__(self, scene: Scene, shapes: Shapes, trajectory: Trajectory, reach: float) -> None:
-        self._scene, self._shapes, self._trajectory, self._reach = scene, shapes, trajectory, reach
+    def __init__(self, scene: Scene, shapes: Shapes, trajectory: Trajectory, *, near: float, apart: float) -> None:
+        """Looks at distances up to `near`, between bodies of the hand up to `apart`, m, which is more."""
+        self._scene, self._shapes, self._trajectory = scene, shapes, trajectory
+        self._near, self._apart = near, apart
+        self._of_hand = (shapes.body[shapes.pairs] < len(shapes.size) - 1).all(axis=1)
         self._low: list[np.ndarray] = []
         self._meet: list[np.ndarray] = []
         self._alike: list[np.ndarray] = []
@@ -131,7 +134,8 @@ class Clearances:
 
     def near(self, first: int, X_WB: np.ndarray, X_WO: np.ndarray, travel: np.ndarray) -> Near:
         """Looks at samples from `first` on, as in :meth:`Shapes.near`."""
-        low, meet = self._shapes.near(X_WB, X_WO, travel, self._reach)
+        low, meet = self._shapes.near(X_WB, X_WO, travel, self._apart)
+        low = low[self._of_hand[low[:, 1].astype(int)] | (low[:, 2] < self._near)]
         row, pair = low[:, :2].astype(int).T
         X = [self._pose(X_WB, X_WO, row, side) for side in self._shapes.body[self._shapes.pairs[pair]].T]
         # where A and B are alike to each other, so is their distance, as in every period of a gait
@@ -151,31 +155,34 @@ class Clearances:
         X[body == last] = X_WO[row[body == last]]
         return X
 
-    def least(self, states: States, travel: np.ndarray) -> tuple[float, int, str]:
-        """The least clearance at any sample, the sample, and the pair; `reach` and no pair if none comes as near.
+    def least(self, states: States, travel: np.ndarray) -> tuple[list[tuple[float, int, str]], list[float]]:
+        """By part: the least clearance, its sample, and the pair, no pair where none comes near; and that of the hand.
 
         A pair that is farther apart at a sample than any found so far is looked at again where it may have come nearer.
         """
-        best, at, name = self._reach, 0, ""
+        best = [(self._near, int(row), "") for row in np.unique(states.part, return_index=True)[1]]
+        apart = [self._apart] * len(best)
         low, alike = np.concatenate(self._low), np.concatenate(self._alike)
         moved = _moved(travel)
         pairs = np.unique(low[:, 1])
         for pair in sorted(pairs.astype(int).tolist(), key=lambda pair: low[low[:, 1] == pair, 2].min()):
             a, b = self._shapes.body[self._shapes.pairs[pair]]
-            gone, apart, part = moved[:, a] + moved[:, b], -np.inf, -1
+            gone, known, part = moved[:, a] + moved[:, b], -np.inf, -1
             for i in np.flatnonzero(low[:, 1] == pair).tolist():
                 row = int(low[i, 0])
-                bound = max(low[i, 2], apart - gone[row] if states.part[row] == part else -np.inf)
-                if bound >= best - _SAME_M:
+                bound = max(low[i, 2], known - gone[row] if states.part[row] == part else -np.inf)
+                if bound >= (apart[states.part[row]] if self._of_hand[pair] else best[states.part[row]][0]) - _SAME_M:
                     continue
                 distance = self._known.get(key := alike[i].tobytes())
                 if distance is None:
                     self._scene.set(states.q[row], states.X_WO[row])
                     distance = self._known[key] = self._ask(pair)
-                apart, part = gone[row] + distance, int(states.part[row])
-                if distance < best:
-                    best, at, name = distance, row, self._name(pair)
-        return best, at, name
+                known, part = gone[row] + distance, int(states.part[row])
+                if distance < best[part][0]:
+                    best[part] = distance, row, self._name(pair)
+                if self._of_hand[pair]:
+                    apart[part] = min(apart[part], distance)
+        return best, apart
 
     def between(self, states: States, travel: np.ndarray) -> tuple[float, int, str]:
         """A bound on how deep a pair may penetrate between two clear samples, for the first pair found; or 0.

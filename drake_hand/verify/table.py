@@ -88,6 +88,7 @@ def check_clear(seen: Observed, plan: Plan, scene: Scene, findings: Findings) ->
 
         depth = -1000 * _between(gap, seen, body, room)
         findings.add("penetration_mm", depth, s.t, s.part, [f"{name} and table"])
+        findings.keep_apart(1000 * gap, s.part)
 
     def object_room(part: int, t: float) -> float:
         return float(own.lows(trajectory.at(t, part=part).X_WO, table).min()) + slack

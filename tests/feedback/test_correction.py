@@ -12,6 +12,7 @@ from drake_hand.feedback import correction as module
 from drake_hand.feedback.correction import TWIST_LIMIT, Correction
 from drake_hand.feedback.pose import PoseSeen
 from drake_hand.feedback.sensor import PoseSensor, SimulatedSensor
+from drake_hand.feedback.tube import Tube
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.plans.plan import Certificate, Worst
@@ -24,9 +25,9 @@ EXACT = PoseSensor(noise_mm=0.0, noise_deg=0.0, dropout=0.0)
 ASIDE = np.array([0.0, 0.0, 0.0, 0.6e-3, -0.4e-3, 0.5e-3])
 
 
-def certified(plan, clear_mm=3.0):
-    clear = {"penetration_mm": Worst(value=-clear_mm, limit=0.0, ok=True)}
-    stamp = Certificate(certified=True, samples=0, worst=clear, failures=[], plan_hash=plan.hash).sealed()
+def certified(plan, apart_mm=4.0):
+    apart = [apart_mm] * len(plan.parts)
+    stamp = Certificate(certified=True, samples=0, worst={}, failures=[], plan_hash=plan.hash, apart_mm=apart).sealed()
     return msgspec.structs.replace(plan, certificate=stamp)
 
 
@@ -189,7 +190,7 @@ def test_without_a_sensor_nothing_is_added(plan):
 
 
 def test_it_stays_within_the_tube_and_says_so(plan):
-    tight = certified(held_plan(end=4.0), clear_mm=0.2)
+    tight = certified(held_plan(end=4.0), apart_mm=0.2)
     reached = []
     correction, errors = play(tight, 3 * ASIDE)
     assert correction.report.largest_mm <= 0.2 + 1e-6
@@ -202,6 +203,23 @@ def test_it_stays_within_the_tube_and_says_so(plan):
         if t > RAMP:
             moved = np.linalg.lstsq(follow.roll[correction._row(t)], dq, rcond=None)[0] / TICK
             assert np.all(np.abs(moved) <= TWIST_LIMIT * 1.05)
+
+
+def test_the_tube_is_as_wide_as_bodies_are_apart_until_a_finger_has_let_go(plan):
+    (part,) = plan.parts
+    later = msgspec.structs.replace(part, t=[t + part.t[-1] for t in part.t])
+    both = msgspec.structs.replace(plan, parts=[part, later])
+
+    def stamped(**found):
+        proof = Certificate(certified=True, samples=0, failures=[], plan_hash=both.hash, **found)
+        return msgspec.structs.replace(both, certificate=proof.sealed())
+
+    holding = Tube.of(stamped(worst={}, apart_mm=[4.0, 1.0]), HAND).reach
+    assert holding == pytest.approx(0.45e-3 * np.ones((2, 5))), "what is moved now stays so"
+    older = stamped(worst={"penetration_mm": Worst(value=-2.0, limit=0.0, ok=True)})
+    assert older.certified
+    assert "apart_mm" not in msgspec.json.encode(older).decode()
+    assert Tube.of(older, HAND).reach == pytest.approx(0.9e-3 * np.ones((2, 5)))
 
 
 def test_what_cannot_be_seen_is_left_alone(plan, tmp_path):

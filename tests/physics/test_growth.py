@@ -7,10 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand import api
 from drake_hand.cli import run
+from drake_hand.contact.error_growth import worst
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.physics.engine import Perturbation
-from drake_hand.physics.growth import grow, predicted, worst
+from drake_hand.physics.growth import grow, predicted
 from drake_hand.physics.replay import replay
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.task import Support

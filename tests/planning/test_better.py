@@ -7,6 +7,9 @@ import pytest
 
 from drake_hand import api
 from drake_hand.errors import Evidence, NoPlanFound
+from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
+from drake_hand.physics import growth
 from drake_hand.planning import planner
 from drake_hand.plans.path import Path
 from drake_hand.plans.plan import Certificate
@@ -52,6 +55,11 @@ def test_where_there_is_none_the_search_ends_as_ever(path, monkeypatch, end):
         api.solve("carry", better=True)
 
 
+def test_a_plan_on_a_table_is_compared_too():
+    table = api.solve("table_cube").plan
+    assert growth.worst_at_end(table, Hand.load("kanguera"), Object.load("cube")) == 0.0
+
+
 def test_among_equals_that_one_in_which_an_error_grows_least(path, monkeypatch):
     grown = {0: 1.3, 1: 0.8, 2: 1.1}
     order: list[int] = []
@@ -62,7 +70,6 @@ def test_among_equals_that_one_in_which_an_error_grows_least(path, monkeypatch):
         return proof.sealed()
 
     monkeypatch.setattr(api, "check", checked)
-    monkeypatch.setattr("drake_hand.physics.growth.predicted", lambda plan, *_: ([0], [plan.certificate.samples]))
-    monkeypatch.setattr("drake_hand.physics.growth.worst", grown.__getitem__)
+    monkeypatch.setattr("drake_hand.physics.growth.worst_at_end", lambda plan, *_: grown[plan.certificate.samples])
     paths(path, monkeypatch, [1, 1, 1], ENDS[0])
     assert api.solve("carry", better=True).plan.certificate.samples == 1

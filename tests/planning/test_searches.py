@@ -1,5 +1,6 @@
 """From how many starts searches and gaits begin, and which gait is taken."""
 
+import itertools
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import attempts as attempts_
 from drake_hand.planning import searches
+from drake_hand.planning.firmness import Firmness
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
 
@@ -20,6 +22,12 @@ def attempts(angle_deg: float, regrasps: list[int | None]) -> list:
     path = SimpleNamespace(angle=np.radians(angle_deg))
     search = SimpleNamespace(moves=SimpleNamespace(path=path))
     return [SimpleNamespace(search=search, gait=n and SimpleNamespace(regrasps=n)) for n in regrasps]
+
+
+def attempt_of(task: object, *, firm: bool = False, straight: Firmness | None = None, **search) -> SimpleNamespace:
+    """One whose grasp lasts to the end, firmly or at all, or does not."""
+    straight = Firmness.FIRM if firm else straight
+    return SimpleNamespace(task=task, firm=firm, search=SimpleNamespace(straight=straight, **search))
 
 
 def problem_of(start: object) -> SimpleNamespace:
@@ -57,8 +65,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     def grasps(problem, task, *_):
         if task % 2:
             raise NoPlanFound("out of reach")
-        farthest = SimpleNamespace(score=0.0)
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=False))
+        return attempt_of(task, farthest=SimpleNamespace(score=0.0))
 
     begun = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -75,9 +82,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
 )
 def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeypatch, lasting, begun):
     def grasps(problem, task, *_):
-        return SimpleNamespace(
-            task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=task in lasting)
-        )
+        return attempt_of(task, firm=task in lasting, farthest=SimpleNamespace(score=task))
 
     some = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -101,8 +106,7 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
 )
 def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch, lasting, tried):
     def attempt(k: int) -> SimpleNamespace:
-        search = SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0)
-        return SimpleNamespace(task=k, search=search)
+        return attempt_of(k, firm=lasting[k] == 1.0, lasting=lasting[k])
 
     asked, beside = [], []
     monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: asked.append(task) or attempt(task))
@@ -118,7 +122,7 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
     lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 1.0, 12: 0.9, 13: 0.9}
 
     def attempt(k: int) -> SimpleNamespace:
-        return SimpleNamespace(task=k, search=SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0))
+        return attempt_of(k, firm=lasting[k] == 1.0, lasting=lasting[k])
 
     def begin(problem, task, *_):
         if task == 3:
@@ -139,7 +143,7 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
+        return attempt_of(task, firm=lasts, farthest=SimpleNamespace(score=task))
 
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -151,8 +155,22 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
     assert told == asked
 
 
+@pytest.mark.parametrize("firm_at", [None, 7])
+def test_a_grasp_in_which_errors_grow_is_taken_after_a_while_without_a_firm_one(monkeypatch, firm_at):
+    def begun(problem, task, *_):
+        straight = Firmness.UNSTEADY if task == 2 else None
+        return attempt_of(task, firm=task == firm_at, straight=straight, lasting=1.0 if task in (2, firm_at) else 0.5)
+
+    monkeypatch.setattr(attempts_, "from_start", begun)
+    count = iter(range(100))
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: next(count))
+    more = attempts_.further_starts(problem_of("auto"), [], [attempt_of(0, lasting=0.6)], Grasp(), [], [])
+    found = [(k, x.task) for k, x in enumerate(itertools.islice(more, 40)) if x is not None]
+    assert found == ([(7, 7)] if firm_at else []) + [(2 + attempts_.FIRMER_STARTS - 1, 2)]
+
+
 def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
-    first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, straight=False))
+    first = attempt_of(0, lasting=0.5)
 
     def none(*_):
         raise NoPlanFound("out of reach")
@@ -165,8 +183,9 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
     def attempt(task: int, **search) -> SimpleNamespace:
         """Of a start with a grasp that so many fingers can leave."""
-        search = SimpleNamespace(farthest=SimpleNamespace(score=0.0), straight=False, **search)
-        return SimpleNamespace(task=task, search=search, ease=task)
+        made = attempt_of(task, farthest=SimpleNamespace(score=0.0), **search)
+        made.ease = task
+        return made
 
     begun = []
     monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))

@@ -10,7 +10,7 @@ from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.all_pairs import look_at_all_pairs
 from drake_hand.verify.kinematics import Tree
 from drake_hand.verify.motion import levers, travel_rates
-from drake_hand.verify.observe import NEAR_M, observe
+from drake_hand.verify.observe import APART_M, NEAR_M, observe
 from drake_hand.verify.pairs import Shapes, deepest
 
 
@@ -34,10 +34,19 @@ def test_all_that_is_seen_is_what_drake_sees(held, scene, seed):
     outside = judged & (plain.gap > -1e-3)
     assert np.abs(n_W - plain.n_W)[outside].max() < 1e-9
     assert np.abs(seen.torque - plain.torque).max() < 1e-9
-    row = int(np.argmin(plain.clearance))
-    assert seen.nearest[0] == pytest.approx(plain.clearance[row], abs=1e-9)
-    assert plain.clearance[seen.nearest[1]] == pytest.approx(plain.clearance[row], abs=1e-9)
-    assert seen.nearest[2] == plain.pair[seen.nearest[1]]
+    for part, (least, row, pair) in enumerate(seen.nearest):
+        assert seen.states.part[row] == part
+        assert least == pytest.approx(plain.clearance[seen.states.part == part].min(), abs=1e-9)
+        assert least == pytest.approx(plain.clearance[row], abs=1e-9)
+        assert pair == plain.pair[row]
+    least_apart = np.full(len(seen.apart), APART_M)
+    for row in range(0, len(seen.states.t), 5):
+        scene.set(seen.states.q[row], seen.states.X_WO[row])
+        own = [gap for a, b, gap in scene.clearances(APART_M) if scene.object.link not in (a, b)]
+        part = seen.states.part[row]
+        least_apart[part] = min([*own, least_apart[part]])
+    assert np.all(np.array(seen.apart) <= least_apart + 1e-9)
+    assert np.array(seen.apart) == pytest.approx(least_apart, abs=2e-4)
 
 
 def test_bounds_are_below_every_distance():
