@@ -44,8 +44,7 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
         Whether it was possible; if not, the builder is left as it was.
     """
     X = builder.X_WO
-    straight, aside = ({i: (c.q, ways(c.n_W)) for i, c in contacts.items()} for ways in (np.atleast_2d, leaning))
-    for up in itertools.chain(_lifts(clearance, builder.q, straight, X), _lifts(clearance, builder.q, aside, X)):
+    for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W[None]) for i, c in contacts.items()}, X):
         down = {i: way[::-1] for i, way in up.items()}
         legs = joint_paths(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, grasp, start, steps
-from drake_hand.planning.firmness import Firmness
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import still
 from drake_hand.planning.park import park
@@ -27,8 +26,6 @@ from drake_hand.plans.task import Grasp, Step, Task
 STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
-FIRMER_STARTS = 12
-"""Further starts tried for a grasp in which errors do not grow, before one in which they do is taken."""
 
 
 def from_start(
@@ -83,13 +80,13 @@ def starts_beside(
     found: list[Attempt] = []
     rng = np.random.default_rng(problem.task.options.seed)
     tried = 0
-    while tried < STARTS_BESIDE and not best.firm and time.monotonic() < problem.deadline:
+    while tried < STARTS_BESIDE and not best.search.straight and time.monotonic() < problem.deadline:
         task, tried = start.close_by(best.task, problem.clearance, rng), tried + 1
         try:
             found.append(from_start(problem, task, problem.builder(task), wanted, moving, then))
         except NoPlanFound:
             continue
-        if found[-1].firm or found[-1].search.lasting > best.search.lasting:
+        if found[-1].search.straight or found[-1].search.lasting > best.search.lasting:
             best, tried = found[-1], 0
     return found
 
@@ -107,7 +104,6 @@ def further_starts(
     if best is None:
         return
     beside = (start.close_by(best.task, problem.clearance, rng) for _ in itertools.count())
-    unsteady, since = None, 0
     for task in itertools.chain(tasks, beside):
         try:
             with problem.stage("grasp"):
@@ -116,7 +112,4 @@ def further_starts(
             found = None
         if found is not None and found.search.lasting > best.search.lasting:
             best = found
-        if unsteady is None and found is not None and found.search.straight is Firmness.UNSTEADY:
-            unsteady = found
-        since += unsteady is not None
-        yield found if found is not None and found.firm else unsteady if since == FIRMER_STARTS else None
+        yield found if found is not None and found.search.straight else None

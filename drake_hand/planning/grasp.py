@@ -17,7 +17,6 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import TABLE_TOUCH_M
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.firmness import FIRM_FINGERS
 from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import ROOM_STEP_TICKS, Moves
@@ -32,6 +31,9 @@ TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
 SETS_EXAMINED, SETS_EXPLAINED = 300, 20
 """Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
+FIRM_FINGERS = 3
+"""So many hold an object firmly: between two it turns about the line through both, but for the torsion of their pads.
+Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
 LOOKAHEAD_STEPS = 40

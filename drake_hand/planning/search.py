@@ -20,7 +20,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.ease import at_ease
-from drake_hand.planning.firmness import Firmness, firmness
+from drake_hand.planning.grasp import FIRM_FINGERS
 from drake_hand.planning.moves import Moves, offset_ticks
 from drake_hand.planning.period import Period
 from drake_hand.planning.state import Node, Stroke
@@ -77,7 +77,6 @@ class Search:
     _tried: Counter[tuple[int, ...]] = field(default_factory=Counter)
     _expanded: Counter[int] = field(default_factory=Counter)
     _able: dict[int, tuple[Node, bool]] = field(default_factory=dict)
-    _firm: dict[int, tuple[Node, Firmness]] = field(default_factory=dict)
     _touched: np.ndarray | float = 0.0
     _liftable: np.ndarray | float = 0.0
     _started: float = field(default_factory=time.monotonic)
@@ -163,13 +162,12 @@ class Search:
     def _arrived(self, states: list[Node]) -> Node | None:
         """The state at the goal with the fewest regrasps, held firmly if one is, of those whose root can be got to."""
         done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
-        done.sort(key=lambda x: (x.regrasps, -self._firmness(x)))
+        done.sort(key=lambda x: (x.regrasps, not self._firm(x)))
         return next(filter(self._founded, done), None)
 
-    def _firmness(self, x: Node) -> Firmness:
-        if id(x) not in self._firm:
-            self._firm[id(x)] = x, firmness(self.moves, x)
-        return self._firm[id(x)][1]
+    def _firm(self, x: Node) -> bool:
+        """Whether as many fingers touch as hold an object firmly, or as may touch."""
+        return self.moves.load.kinematic or x.touching.sum() >= min(FIRM_FINGERS, len(self.moves.fingers))
 
     def _answer(self, x: Node) -> Node:
         """Removes a state at the goal; another search begins with another grasp, where there is one."""
@@ -200,13 +198,10 @@ class Search:
         return not self._bins
 
     @property
-    def straight(self) -> Firmness | None:
-        """How firmly the object is held that reaches the goal without a switch, from a start that the hand can get to.
-
-        None where it does not.
-        """
+    def straight(self) -> bool:
+        """Whether the object reaches the goal without a switch, held firmly, from a start that the hand can get to."""
         answer = self._arrived(self._onward)
-        return None if answer is None else self._firmness(answer)
+        return answer is not None and self._firm(answer)
 
     @property
     def lasting(self) -> float:

@@ -74,18 +74,18 @@ def from_grasps(
         except NoPlanFound as e:
             failures.append(e)
         problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(free) / START_POSES)))
-        enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.firm for x in free))
+        enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.search.straight for x in free))
         if enough or time.monotonic() > problem.deadline:
             break
     _most_promising_first(free)
-    if not (straight := any(x.firm for x in free)):
+    if not (straight := any(x.search.straight for x in free)):
         for x, end in _gaits(problem, free):
             yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
         if movable:
             with problem.stage("grasp"):
                 free += starts_beside(problem, free, wanted, moving, then)
             _most_promising_first(free)
-            straight = any(x.firm for x in free)
+            straight = any(x.search.straight for x in free)
     with problem.stage("grasp"):
         both = at_once([partial(_coming_back, problem, x) for x in free]) if not straight else []
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
@@ -96,7 +96,7 @@ def from_grasps(
 
 
 def _most_promising_first(free: list[Attempt]) -> None:
-    free.sort(key=lambda x: (-(x.search.straight or 0), -x.search.farthest.score))  # type: ignore[union-attr]
+    free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:

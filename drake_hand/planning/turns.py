@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.firmness import Firmness
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import Node
@@ -33,11 +32,6 @@ class Attempt:
     search: Search
     ease: int = 0
     """Fingers that can leave the grasp that it is to come back to."""
-
-    @property
-    def firm(self) -> bool:
-        """Whether it reaches the goal without a switch, the object held firmly."""
-        return self.search.straight is Firmness.FIRM
 
     @property
     def effort(self) -> float:

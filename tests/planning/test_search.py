@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_hand.planning import firmness as firmness_
 from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.period import Period
@@ -273,21 +272,6 @@ def test_a_grasp_of_two_fingers_lasts_only_where_no_more_may_touch():
     few = Search(moves=replace(m, fingers=frozenset(np.flatnonzero(pair[0].touching).tolist())))
     few.__dict__["_onward"] = pair
     assert few.straight, "no more may touch"
-
-
-def test_of_grasps_that_last_one_in_which_errors_hardly_grow_comes_first(monkeypatch):
-    m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
-    search = Search(moves=m)
-    search.begin(roots(m))
-    last = [x for x in search._onward if x.s == m.path.ticks and x.touching.sum() > 2]
-    growth = [firmness_._growth(m, x) for x in last]
-    steady, unsteady = last[int(np.argmin(growth))], last[int(np.argmax(growth))]
-    assert search._arrived([unsteady, steady]) is unsteady, "both are firm"
-    monkeypatch.setattr(firmness_, "FIRM_GROWTH_RATIO", (min(growth) + max(growth)) / 2)
-    search = Search(moves=m)
-    assert search._arrived([unsteady, steady]) is steady
-    search.__dict__["_onward"] = [unsteady]
-    assert search.straight is firmness_.Firmness.UNSTEADY
 
 
 def test_a_grasp_that_lasts_is_an_answer_at_once_and_the_next_one_after_it():

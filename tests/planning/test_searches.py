@@ -1,6 +1,5 @@
 """From how many starts searches and gaits begin, and which gait is taken."""
 
-import itertools
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -10,7 +9,6 @@ import pytest
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import attempts as attempts_
 from drake_hand.planning import searches
-from drake_hand.planning.firmness import Firmness
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
 
@@ -22,12 +20,6 @@ def attempts(angle_deg: float, regrasps: list[int | None]) -> list:
     path = SimpleNamespace(angle=np.radians(angle_deg))
     search = SimpleNamespace(moves=SimpleNamespace(path=path))
     return [SimpleNamespace(search=search, gait=n and SimpleNamespace(regrasps=n)) for n in regrasps]
-
-
-def attempt_of(task: object, *, firm: bool = False, straight: Firmness | None = None, **search) -> SimpleNamespace:
-    """One whose grasp lasts to the end, firmly or at all, or does not."""
-    straight = Firmness.FIRM if firm else straight
-    return SimpleNamespace(task=task, firm=firm, search=SimpleNamespace(straight=straight, **search))
 
 
 def problem_of(start: object) -> SimpleNamespace:
@@ -65,7 +57,8 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     def grasps(problem, task, *_):
         if task % 2:
             raise NoPlanFound("out of reach")
-        return attempt_of(task, farthest=SimpleNamespace(score=0.0))
+        farthest = SimpleNamespace(score=0.0)
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=False))
 
     begun = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -82,7 +75,9 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
 )
 def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeypatch, lasting, begun):
     def grasps(problem, task, *_):
-        return attempt_of(task, firm=task in lasting, farthest=SimpleNamespace(score=task))
+        return SimpleNamespace(
+            task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=task in lasting)
+        )
 
     some = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -106,7 +101,8 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
 )
 def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch, lasting, tried):
     def attempt(k: int) -> SimpleNamespace:
-        return attempt_of(k, firm=lasting[k] == 1.0, lasting=lasting[k])
+        search = SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0)
+        return SimpleNamespace(task=k, search=search)
 
     asked, beside = [], []
     monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: asked.append(task) or attempt(task))
@@ -122,7 +118,7 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
     lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 1.0, 12: 0.9, 13: 0.9}
 
     def attempt(k: int) -> SimpleNamespace:
-        return attempt_of(k, firm=lasting[k] == 1.0, lasting=lasting[k])
+        return SimpleNamespace(task=k, search=SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0))
 
     def begin(problem, task, *_):
         if task == 3:
@@ -143,7 +139,7 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):
-        return attempt_of(task, firm=lasts, farthest=SimpleNamespace(score=task))
+        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
 
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -155,22 +151,8 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
     assert told == asked
 
 
-@pytest.mark.parametrize("firm_at", [None, 7])
-def test_a_grasp_in_which_errors_grow_is_taken_after_a_while_without_a_firm_one(monkeypatch, firm_at):
-    def begun(problem, task, *_):
-        straight = Firmness.UNSTEADY if task == 2 else None
-        return attempt_of(task, firm=task == firm_at, straight=straight, lasting=1.0 if task in (2, firm_at) else 0.5)
-
-    monkeypatch.setattr(attempts_, "from_start", begun)
-    count = iter(range(100))
-    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: next(count))
-    more = attempts_.further_starts(problem_of("auto"), [], [attempt_of(0, lasting=0.6)], Grasp(), [], [])
-    found = [(k, x.task) for k, x in enumerate(itertools.islice(more, 40)) if x is not None]
-    assert found == ([(7, 7)] if firm_at else []) + [(2 + attempts_.FIRMER_STARTS - 1, 2)]
-
-
 def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
-    first = attempt_of(0, lasting=0.5)
+    first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, straight=False))
 
     def none(*_):
         raise NoPlanFound("out of reach")
@@ -183,9 +165,8 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
     def attempt(task: int, **search) -> SimpleNamespace:
         """Of a start with a grasp that so many fingers can leave."""
-        made = attempt_of(task, farthest=SimpleNamespace(score=0.0), **search)
-        made.ease = task
-        return made
+        search = SimpleNamespace(farthest=SimpleNamespace(score=0.0), straight=False, **search)
+        return SimpleNamespace(task=task, search=search, ease=task)
 
     begun = []
     monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))
