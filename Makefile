@@ -1,7 +1,7 @@
 # The whole developer interface. Every target first builds .venv from a bare python3.11.
 PY := .venv/bin/python
 
-.PHONY: install demo test test-slow bench lint clean
+.PHONY: install demo test test-slow bench lint wheel clean
 install: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -31,6 +31,10 @@ lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
+
+# With the kernels' machine code in it: whoever installs it compiles nothing.
+wheel: install
+	$(PY) -m build --wheel --no-isolation
 
 clean:
 	rm -rf .venv out dist build

@@ -1,7 +1,8 @@
 """`njit`: numba's, with machine code kept wherever there is a place to keep it, so that a machine compiles once.
 
 ``python -m drake_hand.compiled`` compiles everything there is. Done once where the package is installed, it leaves
-nothing to compile to anyone who uses it, also where they may write nowhere.
+nothing to compile to anyone who uses it, also where they may write nowhere. A wheel built afterwards brings the code
+along.
 """
 
 from __future__ import annotations
@@ -19,9 +20,24 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import binding as llvm
 from numba.core import event
 
 PACKAGE = Path(__file__).parent
+
+_LEVEL = "x86-64-v3"
+"""Processors that code is compiled for: any since 2013 or so, so that what one machine compiled, others use."""
+_LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+"""What those of `_LEVEL` have; where one is missing, code is for the processor at hand."""
+
+
+def _compile_for_level() -> None:
+    config: Any = numba.config
+    if config.CPU_NAME is None and all(llvm.get_host_cpu_features().get(x) for x in _LEVEL_FEATURES):
+        config.CPU_NAME, config.CPU_FEATURES = _LEVEL, ""
+
+
+_compile_for_level()
 
 
 def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable], Any]:
@@ -48,7 +64,8 @@ def njit(signature: str | tuple[Any, ...] | None = None) -> Callable[[Callable],
         kernel = numba.njit(nogil=True, error_model="numpy")(function)
         if _keep(kernel):
             index: Any = getattr(kernel, "_cache")._cache_file  # noqa: B009
-            index._version = f"{numba.__version__} {_sources()[1]}"
+            # in place of the file's time and size, which every copy changes
+            index._version, index._source_stamp = f"{numba.__version__} {_sources()[1]}", None
             _copy_ready(kernel)
         if signature is not None:
             with event.install_listener("numba:compile", _Told()):

@@ -76,6 +76,25 @@ def test_code_is_kept_beside_the_source(package, tmp_path):
     assert ask(package, tmp_path) == ["1", str(package / "__pycache__")]
 
 
+def test_code_is_taken_along_when_the_package_is_copied(package, tmp_path):
+    """As a wheel does: files get other times, and another place."""
+    assert ask(package, tmp_path)[0] == "0"
+    copy = tmp_path / "elsewhere" / "drake_hand"
+    shutil.copytree(package, copy, copy_function=shutil.copy)
+    os.utime(copy / "kernel.py", (0, 0))
+    shutil.rmtree(package)
+    assert ask(copy, tmp_path) == ["1", str(copy / "__pycache__")]
+
+
+def test_code_is_not_for_this_processor_alone(package, tmp_path):
+    code = "import drake_hand.kernel as k; from numba.core.registry import cpu_target as t"
+    triple, processor, features = ask(
+        package, tmp_path, f"{code}; print(*t.target_context.codegen().magic_tuple(), '-')"
+    )[:3]
+    if triple.startswith("x86_64"):
+        assert (processor, features) == ("x86-64-v3", "-")
+
+
 def test_code_is_compiled_anew_where_a_kernel_of_another_file_has_changed(package, tmp_path):
     """Numba itself looks at a kernel's own file alone, and cannot even read what it kept of types that have moved."""
     (package / "parts.py").write_text(PARTS)

@@ -228,7 +228,7 @@ class _Hull:
         points = np.concatenate(
             [self.vertices[height <= 0], self.vertices[a] + share * (self.vertices[b] - self.vertices[a])]
         )
-        if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0))[1][2] < _PROTRUSION_M:
+        if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[2] < _PROTRUSION_M:
             return None
         hull = trimesh.convex.convex_hull(points)
         return _Hull(vertices=np.asarray(hull.vertices), faces=np.asarray(hull.faces))
