@@ -32,7 +32,8 @@ def modes(
     three fingers rolling. With --graph and a code, the switches of that mode are drawn strong.
 
     With --plan, init, inv, contact and jump are evaluated along a plan, of one mode or of all that it visits: for every
-    clause its worst value, and where. Exit status: 0 all hold, 1 one does not, 2 invalid input.
+    clause its worst value, and where; and the modes' constraint sets wherever one begins or ends. Exit status: 0 all
+    hold, 1 one does not, 2 invalid input.
 
     ```console
     $ drake-hand modes 00111

@@ -1,4 +1,4 @@
-"""`drake-hand modes --plan`: the automaton's predicates along a plan."""
+"""`drake-hand modes --plan`: the automaton's predicates and the modes' constraint sets along a plan."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from drake_hand.modes.code import Mode
 from drake_hand.plans.plan import Plan
 
 if TYPE_CHECKING:
+    from drake_hand.verify.constraint_sets import Configuration
     from drake_hand.verify.predicates import Judgement
 
 
@@ -23,7 +24,7 @@ class _Progress:
 
 
 def judge_plan(file: Path, code: str | None, *, json: bool) -> int:
-    """Prints every clause with its worst value and where that is.
+    """Prints every clause with its worst value and where that is, and where a constraint set is not kept.
 
     Args:
         file: the plan file.
@@ -31,7 +32,7 @@ def judge_plan(file: Path, code: str | None, *, json: bool) -> int:
         json: print one JSON object.
 
     Returns:
-        Exit status: 1 if a clause does not hold.
+        Exit status: 1 if a clause does not hold, or a constraint set is not kept.
 
     Raises:
         InputError: not a plan, or one that is never in this mode.
@@ -42,24 +43,33 @@ def judge_plan(file: Path, code: str | None, *, json: bool) -> int:
         if code not in plan.modes:
             visited = ", ".join(dict.fromkeys(plan.modes))
             raise InputError("the plan is never in this mode", file=file, found=code, expected=f"one of {visited}")
-    from drake_hand.verify.certificate import predicates_along
+    from drake_hand.verify.certificate import modes_along
 
     with progress_display(quiet=json) as progress:
         stage = "evaluating predicates"
-        judgements = predicates_along(plan, progress=lambda done: progress(_Progress(stage=stage, fraction=done)))
-    judgements = [j for j in judgements if code is None or code in j.modes]
-    holds = all(j.finding.holds for j in judgements)
+        judged, configurations = modes_along(
+            plan, progress=lambda done: progress(_Progress(stage=stage, fraction=done))
+        )
+    judgements = [j for j in judged if code is None or code in j.modes]
+    configurations = [c for c in configurations if code in (None, c.mode)]
+    missed = [_missed(c) for c in configurations if c.violations]
+    holds = all(j.finding.holds for j in judgements) and not missed
     predicates = [
         {"predicate": name, "holds": all(j.finding.holds for j in those), "clauses": [_clause(j) for j in those]}
         for name, those in ((name, list(js)) for name, js in groupby(judgements, key=lambda j: j.predicate))
     ]
+    sets = {"configurations": len(configurations), "missed": missed}
     if json:
-        print_json({"plan": str(file), "mode": code, "holds": holds, "predicates": predicates})
+        print_json({"plan": str(file), "mode": code, "holds": holds, "predicates": predicates, "constraint_sets": sets})
     else:
         columns = ["clause", "worst>", "", "limit>", "", "", "where"]
         for p in predicates:
             rows = [_row(c) for c in p["clauses"]]
             print_table(f"{p['predicate']} is {'true' if p['holds'] else 'FALSE'}", columns, rows)
+        where_modes_change = f"the {len(configurations)} configurations where a mode begins or ends"
+        print(f"{len(configurations) - len(missed)} of {where_modes_change} keep their constraint sets")
+        for m in missed:
+            print(f"  mode {m['mode']} at {m['time_s']:.3f} s, part {m['part']}: {'; '.join(m['violations'])}")
         print("all hold" if holds else "NOT all hold")
     return 0 if holds else 1
 
@@ -78,6 +88,11 @@ def _clause(j: Judgement) -> dict[str, Any]:
         "part": j.part,
         "where": f.where,
     }
+
+
+def _missed(c: Configuration) -> dict[str, Any]:
+    violations = [f"{v.finger}: {v}" if v.finger else str(v) for v in c.violations]
+    return {"time_s": c.time_s, "part": c.part, "mode": c.mode, "violations": violations}
 
 
 def _row(clause: dict[str, Any]) -> list[object]:

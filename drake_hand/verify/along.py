@@ -75,8 +75,10 @@ class Along(Measured):
     def clearance(self) -> tuple[np.ndarray, Where]:
         """(N,) m; `NEAR_M` but at the sample of each part where it is least, which alone is looked at closely."""
         least = {sample: (distance, pair) for distance, sample, pair in self.seen.nearest}
-        found = [least.get(int(row), (NEAR_M, "")) for row in self.rows]
-        return np.array([distance for distance, _ in found]), [pair for _, pair in found]
+        distances, pairs = np.full(len(self.rows), NEAR_M), [""] * len(self.rows)
+        for i in np.flatnonzero(np.isin(self.rows, list(least))).tolist():
+            distances[i], pairs[i] = least[int(self.rows[i])]
+        return distances, pairs
 
     def _states(self, rows: np.ndarray) -> State:
         s = self.seen.states
@@ -85,14 +87,14 @@ class Along(Measured):
 
 def normals(seen: Observed, rows: np.ndarray) -> np.ndarray:
     """(N, F, 3) outward normals of the object in W; zero where no tip is near."""
-    return np.einsum("nij,nfj->nfi", seen.states.X_WO[rows, :3, :3], np.nan_to_num(seen.n_O[rows]))
+    return np.nan_to_num(seen.n_O[rows]) @ np.swapaxes(seen.states.X_WO[rows, :3, :3], 1, 2)
 
 
 def differences(seen: Observed, scene: Scene) -> TipVelocities:
     """Velocities at all samples: differences of the observed tips to those before and after in the same part."""
     s, radius = seen.states, np.array([f.radius for f in scene.hand.fingers])[:, None]
-    R_OT = np.einsum("kji,kfjl->kfil", s.X_WO[:, :3, :3], seen.X_WC[..., :3, :3])
-    turn = np.einsum("kfil,kfjl->kfij", R_OT[1:], R_OT[:-1])
+    R_OT = np.swapaxes(s.X_WO[:, None, :3, :3], 2, 3) @ seen.X_WC[..., :3, :3]
+    turn = R_OT[1:] @ np.swapaxes(R_OT[:-1], 2, 3)
     turned = np.stack([turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0]], axis=-1) / 2
     turned = np.concatenate([turned, (turn[..., 1, 0] - turn[..., 0, 1])[..., None] / 2], axis=-1)
     same, dt = np.diff(s.part) == 0, np.diff(s.t)
@@ -109,9 +111,8 @@ def differences(seen: Observed, scene: Scene) -> TipVelocities:
         return on * np.concatenate([ways, nothing]) + back * np.concatenate([nothing, ways])
 
     rows = np.arange(len(s.t))
-    rotate = s.X_WO[:, :3, :3]
-    centre = np.einsum("kij,kfj->kfi", rotate, rate(np.diff(seen.p_OC, axis=0)))
-    spin = np.einsum("kij,kfj->kfi", rotate, rate(turned))
+    rotate = np.swapaxes(s.X_WO[:, :3, :3], 1, 2)
+    centre, spin = rate(np.diff(seen.p_OC, axis=0)) @ rotate, rate(turned) @ rotate
     return TipVelocities(contact=centre - np.cross(spin, radius * normals(seen, rows)), centre=centre)
 
 

@@ -11,6 +11,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.command import check_command
+from drake_hand.verify.constraint_sets import Configuration, at_switches
 from drake_hand.verify.contacts import check_contacts
 from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
@@ -85,18 +86,25 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     ).sealed()
 
 
-def predicates_along(plan: Plan, *, progress: Callable[[float], None] | None = None) -> list[Judgement]:
-    """Every clause of the automaton's predicates along a plan, with its worst value and where that is.
+def modes_along(
+    plan: Plan, *, progress: Callable[[float], None] | None = None
+) -> tuple[list[Judgement], list[Configuration]]:
+    """What the paper defines of a plan's modes, evaluated along it.
 
     Args:
         plan: the plan.
         progress: called with the fraction done.
 
+    Returns:
+        Every clause of the automaton's predicates, with its worst value and where that is; and the configurations at
+        which modes begin and end, with what they do not keep of their constraint sets.
+
     Raises:
         InputError: as `certify`.
     """
     scene = _scene(plan, None)
-    return list(judge_predicates(observe(Trajectory(plan), scene, progress), plan, scene))
+    configurations = at_switches(plan, scene)
+    return list(judge_predicates(observe(Trajectory(plan), scene, progress), plan, scene)), configurations
 
 
 def _scene(plan: Plan, scene: Scene | None) -> Scene:
