@@ -133,15 +133,14 @@ class Unproven(NoPlanFound):
         self.plan = msgspec.structs.replace(plan, certificate=certificate)
 
 
-def unfinished(error: NoPlanFound, *, progress: Callable[[Progress], None] | None = None) -> Plan | None:
+def unfinished(error: NoPlanFound) -> Plan | None:
     """What a failed planning attempt found: the plan that was refused, or the part that the search reached.
 
     Args:
         error: what :func:`solve` ended with.
-        progress: called with how far its certificate has come.
 
     Returns:
-        A plan, not certified; None where no search got anywhere.
+        A plan that was refused by its certificate, or a part, not checked; None where no search got anywhere.
     """
     from drake_hand.planning.failure import Stopped
 
@@ -152,10 +151,9 @@ def unfinished(error: NoPlanFound, *, progress: Callable[[Progress], None] | Non
     from drake_hand.motion.timing import time_path
 
     try:
-        plan = time_path(error.path())
+        return time_path(error.path())
     except NoPlanFound:  # no forces hold the object along it
         return None
-    return msgspec.structs.replace(plan, certificate=check(plan, progress=progress))
 
 
 def plan(

@@ -67,7 +67,7 @@ def plan(
         try:
             result = api.solve(task, progress=progress, seed=seed, time_limit=time_limit, better=better)
         except NoPlanFound as e:
-            unfinished = api.unfinished(e, progress=progress)
+            unfinished = api.unfinished(e)
             if html:  # instead of the page of an older plan
                 write_atomic(html, api.show(unfinished, failure=e) if unfinished else api.show_failure(task, e))
             if unfinished:

@@ -28,6 +28,7 @@ from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Search
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Node, by_finger
+from drake_hand.planning.stuck import carried_on
 from drake_hand.planning.turns import Attempt, in_turn
 from drake_hand.planning.world import at_once
 from drake_hand.plans.path import Path
@@ -185,15 +186,20 @@ def _in_turn(
 
 
 def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoPlanFound:
-    """The same failure, with the path to the state that got farthest, if there is one."""
-    some = [x for x in attempts if x.search.fraction > 0 and x.search.founded]
+    """The same failure, with what blocks the state that got farthest, and the path to it, if it got anywhere."""
+    some = [x for x in attempts if x.search.founded]
     if not some:
         return why
     best = max(some, key=lambda x: x.search.fraction)
+    farthest = best.search.farthest
+    assert farthest is not None, "a search that is founded has roots"
+    if best.search.fraction < 1.0:
+        why = carried_on(problem.scene, best.search.moves, farthest, why)
+    if best.search.fraction == 0.0:
+        return why
 
     def path() -> Path:
-        assert best.search.farthest is not None, "a search that is founded has roots"
-        return finished(problem, best.task, _built(problem, best.builder, best.search.moves, best.search.farthest))
+        return finished(problem, best.task, _built(problem, best.builder, best.search.moves, farthest))
 
     return Stopped(why, path)
 

@@ -9,15 +9,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.model.scene import Scene
+from drake_hand.modes.code import Mode
+from drake_hand.modes.constraints import build_ik
+from drake_hand.modes.corridor import PoseRegion
+from drake_hand.modes.solve import Infeasible, solve_ik
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.state import Node
+from drake_hand.planning.object_path import TICK_DEG, TICK_M
+from drake_hand.planning.state import Node, whole
 
 EASING_FACTORS = ((2.0, "twice", "half"), (20.0, "twenty times", "a twentieth of"))
 """How many times the friction or effort it is asked whether a finger could be lifted with; in words, and of weight."""
+
+ONWARD_TICKS, BESIDE_TICKS = 4, 2
+"""How far on the object is asked to be with the contacts it has, and how far beside that it may be, ticks."""
 
 
 def stuck(
@@ -68,3 +78,32 @@ def _what_would_help(moves: Moves, x: Node, kept: list[int]) -> str:
         if helps:
             break
     return f"; with {' or '.join(helps)} {'it' if len(kept) == 1 else 'one of them'} could be" if helps else ""
+
+
+def carried_on(scene: Scene, moves: Moves, x: Node, why: NoPlanFound) -> NoPlanFound:
+    """The same failure with what keeps the contacts of a state from carrying the object on, if anything does.
+
+    The mode's constraint set is asked, the object's pose a variable: a little further along its path, or near there.
+    """
+    path, hand = moves.path, moves.clearance.hand
+    s = min(x.s + ONWARD_TICKS, float(path.next_stop(x.s)))
+    X_WO = np.vstack([path.beside(np.array([s]), x.off[None])[0], [0.0, 0.0, 0.0, 1.0]])
+    touching = np.flatnonzero(x.touching).tolist()
+    program = build_ik(
+        scene,
+        Mode.parse(code(hand, touching), [f.name for f in hand.fingers]),
+        X_WO,
+        {hand.fingers[f].name: x.p_OP[f] for f in touching},
+        corridor=PoseRegion(X_WO=X_WO, position=BESIDE_TICKS * TICK_M, rotation=np.radians(BESIDE_TICKS * TICK_DEG)),
+        q_guess=whole(hand, x.q),
+    )
+    try:
+        solve_ik(program)
+    except Infeasible as e:
+        found = e.evidence
+        who = f"{found.finger}: " if found.finger else ""
+        limits = "".join(f", {joint}" for joint in found.at_limit)
+        reason = f"{why.reason}; carried on with these contacts, {who}{found.violations[0]}{limits}"
+        known = {key: getattr(found, key) for key in ("where", "amount", "at_limit", "violations")}
+        return NoPlanFound(reason, status=why.status, evidence=msgspec.structs.replace(why.evidence, **known))
+    return why

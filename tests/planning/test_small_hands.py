@@ -77,9 +77,10 @@ def test_a_search_that_ends_early_leaves_the_part_it_found(monkeypatch):
     assert part.modes[-1] == "1111"
     began, ended = part.at([0.0, part.duration]).X_WO[:, :3, :3]
     assert Rotation.from_matrix(ended @ began.T).magnitude() > 0.05
-    assert not part.certified
-    assert any("goal" in failure for failure in part.certificate.failures)
-    assert all("goal" in failure for failure in part.certificate.failures), "all else is as it should be"
+    assert part.certificate is None, "proving what is no plan takes as long as finding it"
+    failures = api.check(part).failures
+    assert failures
+    assert all("goal" in failure for failure in failures), "all else is as it should be"
 
 
 def test_out_of_reach_is_said_with_mode_finger_and_pose():

@@ -1,0 +1,33 @@
+"""Why a search got stuck: what the mode's constraint set says of carrying the object on."""
+
+import numpy as np
+import pytest
+
+from drake_hand.modes.constraints import contact_name
+from drake_hand.planning.failure import no_plan
+from drake_hand.planning.stuck import carried_on
+from tests.planning.small import move, moves, path, roots, scene, turn
+
+HAND, PENCIL = "quartet", "pencil_r8"
+WHY = no_plan("out of time", mode="1111", constraint="reach", X_WO=np.eye(4), progress=0.5, expansions=7)
+
+
+def test_what_contacts_can_follow_adds_nothing():
+    m = moves(HAND, PENCIL, path(HAND, turn(20.0)))
+    assert carried_on(scene(HAND, PENCIL), m, roots(m)[0], WHY) is WHY
+
+
+@pytest.mark.parametrize("by_mm", [40.0, -40.0])
+def test_a_contact_that_cannot_follow_is_named_with_its_amount(by_mm):
+    """Beside the object's path by 100 mm, it is out of reach."""
+    m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 8.0)))
+    state = roots(m)[0]
+    state.off = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.5e-3 * by_mm])
+    found = carried_on(scene(HAND, PENCIL), m, state, WHY)
+    names = [f.name for f in m.clearance.hand.fingers]
+    worst = found.evidence.violations[0]
+    assert any(worst.startswith(contact_name(name, scene(HAND, PENCIL))) for name in names)
+    assert "; carried on with these contacts, " in found.reason
+    assert worst in found.reason
+    assert found.evidence.amount > 0.01
+    assert (found.evidence.constraint, found.evidence.progress, found.evidence.expansions) == ("reach", 0.5, 7)
