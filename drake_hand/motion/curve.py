@@ -9,9 +9,12 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.surface import Surface
+from drake_hand.model.hand import Hand
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH_M
-from drake_hand.plans.trajectory import poses_with_rates, quaternions
+from drake_hand.plans.trajectory import poses_with_rates, quaternions, rotations
 
 INERTIA_SHARE = 0.005
 """Largest force along one axis that moving the object may take in plans with contact forces, in weights (torque: in
@@ -56,11 +59,32 @@ class RateLimits:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Touched:
+    """Where fingertips touch a polyhedron: at edges contact points turn aside, or jump, and no spline follows them."""
+
+    hand: Hand
+    surface: Surface
+
+    @classmethod
+    def of(cls, path: Path) -> Touched | None:
+        """None where splines do."""
+        polyhedral = any(g.kind == "mesh" for g in path.object.geometries)
+        return cls(hand=path.hand, surface=Surface.of(path.object)) if polyhedral else None
+
+    def point(self, finger: str, x: np.ndarray) -> np.ndarray:
+        """(k, 3) in O, of joints, quaternion and position (k, nq + 7)."""
+        found = self.hand.finger(finger)
+        p_WC = FingerKinematics.of(self.hand, found).fk(x[:, found.columns])[0]
+        R_WO = rotations(x[:, -7:-3])
+        return self.surface.closest(np.einsum("kji,kj->ki", R_WO, p_WC - x[:, -3:]))[0]
+
+
 class Curve:
     """A leg as functions of s in [0, 1]: C2 splines through its knots, forces and offsets linear between them."""
 
-    def __init__(self, leg: Leg, limits: RateLimits) -> None:
-        self.leg, self.limits, self.nq = leg, limits, leg.q.shape[1]
+    def __init__(self, leg: Leg, limits: RateLimits, touched: Touched | None = None) -> None:
+        self.leg, self.limits, self.nq, self._touched = leg, limits, leg.q.shape[1], touched
         self._s = np.linspace(0.0, 1.0, len(leg.q))
         x = np.hstack([leg.q, quaternions(leg.X_WO[:, :3, :3]), leg.X_WO[:, :3, 3]])
         self._spline = _spline(self._s, np.hstack([x, *leg.p_OP.values()]))
@@ -85,6 +109,8 @@ class Curve:
         u = x[:, quaternion]
         dx[:, quaternion] = (dx[:, quaternion] - u * np.sum(u * dx[:, quaternion], axis=1, keepdims=True)) / norm
         points = {f"p_OP {f}": rows[:, pose + 3 * i : pose + 3 * i + 3] for i, f in enumerate(self.leg.p_OP)}
+        if self._touched and self.moves:
+            points = {f"p_OP {f}": self._touched.point(f, x) for f in self.leg.p_OP}
         loads = linear(s, self._s, self._loads)
         return x, dx, points | {name: loads[:, columns] for name, columns in self._columns.items()}
 

@@ -12,7 +12,7 @@ from scipy.interpolate import PPoly
 from drake_hand import __version__
 from drake_hand.model.scene import Scene
 from drake_hand.motion import law as laws
-from drake_hand.motion.curve import Curve, RateLimits
+from drake_hand.motion.curve import Curve, RateLimits, Touched
 from drake_hand.motion.flow import flowing
 from drake_hand.motion.inertia import OWN_INERTIA_N, Inertia
 from drake_hand.plans.path import Leg, Path
@@ -51,15 +51,15 @@ def time_path(path: Path) -> Plan:
     Raises:
         ValueError: legs do not join, or change mode without an event; says which.
     """
-    limits = RateLimits.of(path)
+    limits, touched = RateLimits.of(path), Touched.of(path)
     timing = path.task.options.timing
     scene = Scene(path.hand) if timing == "fast" else None
     parts: list[Part] = []
     for legs in _by_part(path.legs):
         if scene:
-            timed = [_fast(Curve(leg, limits), path, scene) for leg in flowing(legs, path.hand)]
+            timed = [_fast(Curve(leg, limits, touched), path, scene) for leg in flowing(legs, path.hand)]
         else:
-            timed = [_time(Curve(leg, limits), timing == "optimal") for leg in legs]
+            timed = [_time(Curve(leg, limits, touched), timing == "optimal") for leg in legs]
         moving = sum(x.law.x[-1] for x in timed if x.curve.moves)
         if 0 < moving < PART_S and timing == "parabolic":
             timed = [x.stretched(PART_S / moving) if x.curve.moves else x for x in timed]

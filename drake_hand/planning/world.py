@@ -31,6 +31,8 @@ EDGE_M = 1.0e-3
 """How far contacts stay from the edges of the surface, m."""
 POINT_SPACING_M, MOST_POINTS = 3.0e-3, 2000
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
+_SAME_GAP_M = 1.0e-6
+"""By so much a tip that touches one point may come nearer to others, m."""
 FREE_POSTURES = 6
 """Free postures a finger is offered."""
 LEAST_DEXTERITY_M_PER_RAD = 3.0e-3
@@ -176,6 +178,8 @@ class Grid:
         many = len(surface.sample(POINT_SPACING_M)[0])
         points, normals = surface.sample(POINT_SPACING_M * max(1.0, float(np.sqrt(many / MOST_POINTS))))
         inside = surface.edge_distance(points) >= EDGE_M
+        for radius in {f.radius for f in clearance.hand.fingers}:  # in a hollow a tip touches elsewhere first
+            inside &= surface.closest(points + radius * normals)[2] >= radius - _SAME_GAP_M
         m = max(len(kin.lower) for kin in clearance.kinematics)
         stops = []
         for i, kin in enumerate(clearance.kinematics):

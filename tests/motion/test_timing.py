@@ -4,8 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.contact.surface import Surface
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Geometry, Object
 from drake_hand.motion import law, timing
@@ -208,3 +211,27 @@ def test_refuses_legs_that_do_not_join():
     loaded = leg(q_at(0.1), q_at(0.3), q_offset=np.zeros((9, NQ)))
     with pytest.raises(ValueError, match="legs 0 and 1 are one part"):
         time_path(path_of([leg(q_at(0), q_at(0.1)), loaded]))
+
+
+def test_stated_contacts_of_a_polyhedron_are_where_tips_touch_it():
+    """A bar of six sides turns under a fingertip at rest: the point runs along a side, and waits at an edge."""
+    around = np.radians(np.arange(6) * 60.0)
+    ends = [np.column_stack([0.008 * np.cos(around), 0.008 * np.sin(around), np.full(6, z)]) for z in (-0.075, 0.075)]
+    prism = trimesh.convex.convex_hull(np.concatenate(ends))
+    bar = Geometry(kind="mesh", X_OG=np.eye(4), vertices=np.array(prism.vertices), faces=np.array(prism.faces))
+    surface = Surface((bar,))
+
+    def touched(finger, q, X_WO):
+        f = HAND.finger(finger)
+        p_WC = FingerKinematics.of(HAND, f).fk(q[:, f.columns])[0]
+        return surface.closest(np.einsum("kji,kj->ki", X_WO[:, :3, :3], p_WC - X_WO[:, :3, 3]))[0]
+
+    turned = leg(q_at(0.0), q_at(0.05), angle=(0.0, np.pi / 3), n=5)
+    turned = dataclasses.replace(turned, p_OP={f: touched(f, turned.q, turned.X_WO) for f in turned.p_OP})
+    path = path_of([turned])
+    plan = time_path(dataclasses.replace(path, object=dataclasses.replace(path.object, geometries=(bar,))))
+    states = Trajectory(plan).at(np.linspace(0.0, plan.duration, 3001))
+    for finger in turned.p_OP:
+        stated = states.p_OP[:, HAND.finger(finger).index]
+        assert np.linalg.norm(stated - touched(finger, states.q, states.X_WO), axis=1).max() < 2e-5
+        assert np.ptp(stated, axis=0).max() > 1e-3
