@@ -53,7 +53,15 @@ def _evaluated(plan: Plan, scene: Scene, i: int, row: int, beside: int) -> Confi
         points = {name: contact.p_OP[-1 - row] for name, contact in other.contacts.items()} | points
     digits = [own if own != "0" or beside == i else its for own, its in zip(part.mode, other.mode, strict=True)]
     mode = Mode.parse("".join(digits), plan.fingers)
-    contacts = {name: np.array(p_OP) for name, p_OP in points.items()}
+    scene.set(q, X_WO)
+    contacts = {name: _tip_at(scene, name, np.array(p_OP), X_WO) for name, p_OP in points.items()}
     program = build_ik(scene, mode, X_WO, contacts, q_guess=q)
     violations = tuple(find_violations(program, q, X_WO))
     return Configuration(time_s=part.t[row], part=i, mode=mode.code, violations=violations)
+
+
+def _tip_at(scene: Scene, finger: str, p_OP: np.ndarray, X_WO: np.ndarray) -> np.ndarray:
+    """(3,) the tip's centre in O when it touches a point, seen from where it is: at an edge no one normal tells."""
+    p_OC = (scene.tip_position(finger) - X_WO[:3, 3]) @ X_WO[:3, :3]
+    way = p_OC - p_OP
+    return p_OP + scene.hand.finger(finger).radius * way / max(float(np.linalg.norm(way)), 1e-9)
