@@ -14,6 +14,8 @@ from drake_hand.compiled import njit
 from drake_hand.model.object import Geometry
 
 _KINDS = {"sphere": 0, "capsule": 1, "cylinder": 2, "box": 3, "mesh": 4}
+MOST_TOGETHER = 16
+"""Triangles in a group, at most."""
 
 
 class ShapeArrays(NamedTuple):
@@ -29,6 +31,12 @@ class ShapeArrays(NamedTuple):
     """(G, 3) as `Geometry.size`."""
     first: np.ndarray
     """(G + 1,) a mesh's first triangle."""
+    first_group: np.ndarray
+    """(G + 1,) a mesh's first group of triangles that lie together."""
+    groups: np.ndarray
+    """(K + 1,) the first triangle of each group."""
+    around: np.ndarray
+    """(K, 2, 3) lowest and highest corner of a box around each group, m."""
     corners: np.ndarray
     """(T, 3, 3) of the triangles, m."""
     normals: np.ndarray
@@ -47,39 +55,66 @@ class ShapeArrays(NamedTuple):
     """(G, 3) of the ball around each shape, m."""
     reach: np.ndarray
     """(G,) its radius, m."""
+    boxes: np.ndarray
+    """(G, 2, 3) lowest and highest corner of the box around each shape, m."""
 
 
 def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
     """The arrays of some shapes."""
-    corners = [g.vertices[g.faces] if g.kind == "mesh" else np.zeros((0, 3, 3)) for g in geometries]
-    T = np.concatenate(corners)
+    grouped = [_together(g.vertices[g.faces]) if g.kind == "mesh" else [] for g in geometries]
+    groups = [group for of_shape in grouped for group in of_shape]
+    T = np.concatenate([np.zeros((0, 3, 3)), *groups])
     normals = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
     centres = T.mean(axis=1)
     around = np.linalg.norm(T - centres[:, None], axis=2).max(axis=1)
-    box = np.concatenate([g.box_O for g in geometries])
+    corners = [group.reshape(-1, 3) for group in groups]
     middle = np.stack([g.box_O.mean(axis=0) for g in geometries])
     reach = [np.linalg.norm(_extreme(g) - m, axis=1).max() for g, m in zip(geometries, middle, strict=True)]
+    boxes = np.stack([[g.box_O.min(axis=0), g.box_O.max(axis=0)] for g in geometries])
     return ShapeArrays(
         kind=np.array([_KINDS[g.kind] for g in geometries]),
         R=np.stack([np.ascontiguousarray(g.X_OG[:3, :3], dtype=float) for g in geometries]),
         p=np.stack([np.asarray(g.X_OG[:3, 3], dtype=float) for g in geometries]),
         size=np.array([(*g.size, 0.0, 0.0, 0.0)[:3] for g in geometries], dtype=float),
-        first=np.cumsum([0] + [len(c) for c in corners]),
+        first=np.cumsum([0] + [sum(map(len, of_shape)) for of_shape in grouped]),
+        first_group=np.cumsum([0] + [len(of_shape) for of_shape in grouped]),
+        groups=np.cumsum([0] + [len(group) for group in groups]),
+        around=np.array([[p.min(axis=0), p.max(axis=0)] for p in corners]).reshape(-1, 2, 3),
         corners=np.ascontiguousarray(T),
         normals=np.ascontiguousarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
         balls=np.ascontiguousarray(np.column_stack([centres, around])),
         first_edge=np.cumsum([0] + [len(g.sharp_edges) for g in geometries]),
         edges=np.ascontiguousarray(np.concatenate([g.sharp_edges for g in geometries])),
-        low=box.min(axis=0),
-        high=box.max(axis=0),
+        low=boxes[:, 0].min(axis=0),
+        high=boxes[:, 1].max(axis=0),
         middle=middle,
         reach=np.array(reach, dtype=float),
+        boxes=np.ascontiguousarray(boxes),
     )
+
+
+def _together(T: np.ndarray) -> list[np.ndarray]:
+    """Triangles (T, 3, 3) in groups that lie together, halved across their longest side until they are small."""
+    if len(T) <= MOST_TOGETHER:
+        return [T]
+    middle = T.mean(axis=1)
+    order = np.argsort(middle[:, np.ptp(middle, axis=0).argmax()], kind="stable")
+    half = len(T) // 2
+    return _together(T[order[:half]]) + _together(T[order[half:]])
 
 
 def _extreme(g: Geometry) -> np.ndarray:
     """(K, 3) points in the body's frame; a ball around them is around the shape."""
     return g.vertices @ g.X_OG[:3, :3].T + g.X_OG[:3, 3] if g.kind == "mesh" else g.box_O
+
+
+@njit()
+def _off(box, x, y, z):
+    """How far a point is from a box (2, 3)."""
+    dx = max(box[0, 0] - x, 0.0, x - box[1, 0])
+    dy = max(box[0, 1] - y, 0.0, y - box[1, 1])
+    dz = max(box[0, 2] - z, 0.0, z - box[1, 2])
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @njit()
@@ -90,8 +125,17 @@ def closest(s, x, y, z, near):
         Foot, outward normal and signed distance, as `Surface.closest`: seven numbers. Where the distance is more than
         `near` it is only a lower bound, and foot and normal may be anything.
     """
-    best = closest_of(s, 0, x, y, z, near)
-    for g in range(1, len(s.kind)):
+    if len(s.kind) == 1:
+        return closest_of(s, 0, x, y, z, near)
+    begin, nearest = 0, np.inf
+    for g in range(len(s.kind)):
+        off = _off(s.boxes[g], x, y, z)
+        if off < nearest:
+            begin, nearest = g, off
+    best = closest_of(s, begin, x, y, z, near)
+    for g in range(len(s.kind)):
+        if g == begin:
+            continue
         found = closest_of(s, g, x, y, z, min(near, best[6]))
         if found[6] < best[6]:
             best = found
@@ -101,10 +145,10 @@ def closest(s, x, y, z, near):
 @njit()
 def closest_of(s, g, x, y, z, near):
     """As `closest`, of shape g alone."""
-    if len(s.kind) > 1:
-        m = s.middle[g]
-        off = math.sqrt((x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2) - s.reach[g]
-        if off > near:
+    off = 0.0
+    if len(s.kind) > 1 or s.kind[g] == 4:
+        off = _off(s.boxes[g], x, y, z)
+        if off > 0.0 and off > near:
             return x, y, z, 0.0, 0.0, 1.0, off
     R, t = s.R[g], s.p[g]
     dx, dy, dz = x - t[0], y - t[1], z - t[2]
@@ -121,7 +165,7 @@ def closest_of(s, g, x, y, z, near):
     elif kind == 3:
         a, b, c, u, v, w, d = _box(px, py, pz, size[0] / 2, size[1] / 2, size[2] / 2)
     else:
-        a, b, c, u, v, w, d = _mesh(px, py, pz, s, s.first[g], s.first[g + 1], near)
+        a, b, c, u, v, w, d = _mesh(px, py, pz, s, g, near, off > 0.0)
     return (
         t[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
         t[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
@@ -186,10 +230,40 @@ def _box(px, py, pz, a, b, c):
 
 
 @njit()
-def _mesh(px, py, pz, s, first, last, near):
-    """Convex polyhedron: its highest plane decides inside, and bounds the distance from below."""
-    best, height = first, -np.inf
-    for t in range(first, last):
+def _mesh(px, py, pz, s, g, near, outside):
+    """Convex polyhedron g: nearest of its faces that see the query; where none within reach does, its highest plane.
+
+    `outside` where the query is known to be.
+    """
+    fx, fy, fz, least, reach = 0.0, 0.0, 0.0, near * near, near
+    begin, nearest = s.first_group[g], np.inf
+    for k in range(s.first_group[g], s.first_group[g + 1]):
+        off = _off(s.around[k], px, py, pz)
+        if off < nearest:
+            begin, nearest = k, off
+    for i in range(s.first_group[g] - 1, s.first_group[g + 1]):
+        k = begin if i < s.first_group[g] else i
+        if _off(s.around[k], px, py, pz) >= reach or i == begin:
+            continue
+        for t in range(s.groups[k], s.groups[k + 1]):
+            T, n = s.corners[t], s.normals[t]
+            h = (px - T[0, 0]) * n[0] + (py - T[0, 1]) * n[1] + (pz - T[0, 2]) * n[2]
+            if h <= 0.0 or h >= reach:
+                continue
+            b = s.balls[t]
+            if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
+                continue
+            x, y, z = _triangle(px, py, pz, T)
+            d = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+            if d < least:
+                fx, fy, fz, least, reach = x, y, z, d, math.sqrt(d)
+    if reach < near:
+        nx, ny, nz, d = _outward(px, py, pz, fx, fy, fz)
+        return fx, fy, fz, nx, ny, nz, d
+    if outside and near >= 0.0:
+        return px, py, pz, 0.0, 0.0, 1.0, near * (1.0 + 1e-12)
+    best, height = s.first[g], -np.inf
+    for t in range(s.first[g], s.first[g + 1]):
         a, n = s.corners[t, 0], s.normals[t]
         h = (px - a[0]) * n[0] + (py - a[1]) * n[1] + (pz - a[2]) * n[2]
         if h > height:
@@ -197,25 +271,8 @@ def _mesh(px, py, pz, s, first, last, near):
             if h > near:
                 break
     n = s.normals[best]
-    if height <= 0.0 or height > near:
-        return px - height * n[0], py - height * n[1], pz - height * n[2], n[0], n[1], n[2], height
-    fx, fy, fz, least, reach = 0.0, 0.0, 0.0, np.inf, np.inf
-    for k in range(first - 1, last):
-        t = best if k < first else k
-        T, n = s.corners[t], s.normals[t]
-        h = (px - T[0, 0]) * n[0] + (py - T[0, 1]) * n[1] + (pz - T[0, 2]) * n[2]
-        # Only faces that see the query can be nearest.
-        if h <= 0.0 or h * h >= least:
-            continue
-        b = s.balls[t]
-        if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
-            continue
-        x, y, z = _triangle(px, py, pz, T)
-        d = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
-        if d < least:
-            fx, fy, fz, least, reach = x, y, z, d, math.sqrt(d)
-    nx, ny, nz, d = _outward(px, py, pz, fx, fy, fz)
-    return fx, fy, fz, nx, ny, nz, d
+    beyond = height if height <= 0.0 else max(height, near * (1.0 + 1e-12))
+    return px - height * n[0], py - height * n[1], pz - height * n[2], n[0], n[1], n[2], beyond
 
 
 @njit()

@@ -202,8 +202,9 @@ def _types() -> tuple[numba.types.Type, ...]:
         floats(0, 0), floats(0, 0),
     )  # fmt: skip
     solid = ShapeArrays(
-        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, floats(0, 3, 3), floats(0, 3), floats(0, 4), ints,
-        floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
+        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, ints, ints, floats(0, 2, 3), floats(0, 3, 3),
+        floats(0, 3), floats(0, 4), ints, floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
+        floats(0, 2, 3),
     )  # fmt: skip
     hulls = Hulls(ints, floats(0, 3), floats(0))
     cover = Cover(
