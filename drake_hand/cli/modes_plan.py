@@ -43,13 +43,14 @@ def judge_plan(file: Path, code: str | None, *, json: bool) -> int:
         if code not in plan.modes:
             visited = ", ".join(dict.fromkeys(plan.modes))
             raise InputError("the plan is never in this mode", file=file, found=code, expected=f"one of {visited}")
-    from drake_hand.verify.certificate import modes_along
+    from drake_hand.verify.certificate import predicates_along, scene_of
+    from drake_hand.verify.constraint_sets import at_switches
 
     with progress_display(quiet=json) as progress:
         stage = "evaluating predicates"
-        judged, configurations = modes_along(
-            plan, progress=lambda done: progress(_Progress(stage=stage, fraction=done))
-        )
+        scene = scene_of(plan)
+        judged = predicates_along(plan, scene, progress=lambda done: progress(_Progress(stage=stage, fraction=done)))
+        configurations = at_switches(plan, scene)
     judgements = [j for j in judged if code is None or code in j.modes]
     configurations = [c for c in configurations if code in (None, c.mode)]
     missed = [_missed(c) for c in configurations if c.violations]

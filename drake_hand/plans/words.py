@@ -69,6 +69,7 @@ _FIELDS = {
     "goal_rotation_deg": _Field("off the goal, rotation", "deg"),
     "corridor_mm": _Field("deviation from the nominal path", "mm"),
     "corridor_deg": _Field("rotation from the nominal path", "deg"),
+    "pinch_deg": _Field("turn between two pads alone", "deg"),
     "command_force_n": _Field("forces of the commands against those stated", "N"),
     "rest_speed_rad_s": _Field("speed where the mode changes", "rad/s"),
     "joint_jump_rad": _Field("jump of a joint at a switch", "deg", float(np.degrees(1))),

@@ -40,6 +40,8 @@ class Body:
 class Torsion:
     """What pads are twisted by, where tips turn over the object about the normals of their contacts."""
 
+    spin: np.ndarray
+    """(k - 1, F) how far tips turn over the object from each sample to the next, about its outward normals, rad."""
     twist: np.ndarray
     """(k, F) -1 to 1 about the outward normal, 1 where they rub."""
     moving: np.ndarray

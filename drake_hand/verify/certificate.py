@@ -11,7 +11,6 @@ from drake_hand.model.scene import Scene
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.command import check_command
-from drake_hand.verify.constraint_sets import Configuration, at_switches
 from drake_hand.verify.contacts import check_contacts
 from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
@@ -46,6 +45,8 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
     - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's
       weight (torque: that weight at 10 mm).
+    - ``pinch_deg``: while just two fingers touch the object, how far their pads turn over it about its normals, the one
+      that turns less: about that far the object turns with it, about the line through both.
     - ``command_force_n``: difference of the contact forces that the commanded offsets produce from those stated;
       per newton where a contact bears more than one.
     - ``corridor_mm``, ``corridor_deg``: how far the object is beside the nominal path of the step it is carried along.
@@ -64,7 +65,7 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     Raises:
         InputError: the plan is malformed, or was made for another hand or object than the one found.
     """
-    scene = _scene(plan, scene)
+    scene = scene_of(plan, scene)
     findings = Findings()
     trajectory = Trajectory(plan)
     check_modes(plan, findings)
@@ -86,29 +87,23 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     ).sealed()
 
 
-def modes_along(
-    plan: Plan, *, progress: Callable[[float], None] | None = None
-) -> tuple[list[Judgement], list[Configuration]]:
-    """What the paper defines of a plan's modes, evaluated along it.
+def predicates_along(plan: Plan, scene: Scene, *, progress: Callable[[float], None] | None = None) -> list[Judgement]:
+    """Every clause of the automaton's predicates along a plan, with its worst value and where that is.
 
     Args:
         plan: the plan.
+        scene: its own, as of `scene_of`.
         progress: called with the fraction done.
+    """
+    return list(judge_predicates(observe(Trajectory(plan), scene, progress), plan, scene))
 
-    Returns:
-        Every clause of the automaton's predicates, with its worst value and where that is; and the configurations at
-        which modes begin and end, with what they do not keep of their constraint sets.
+
+def scene_of(plan: Plan, scene: Scene | None = None) -> Scene:
+    """Hand and object of a plan, loaded if not given, after seeing that plan and models fit.
 
     Raises:
         InputError: as `certify`.
     """
-    scene = _scene(plan, None)
-    configurations = at_switches(plan, scene)
-    return list(judge_predicates(observe(Trajectory(plan), scene, progress), plan, scene)), configurations
-
-
-def _scene(plan: Plan, scene: Scene | None) -> Scene:
-    """Hand and object of a plan, loaded if not given, after seeing that plan and models fit."""
     plan.validate()
     hand = scene.hand if scene else Hand.load(plan.task.hand)
     object_ = Object.load(plan.task.object)

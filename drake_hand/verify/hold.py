@@ -9,13 +9,13 @@ from drake_hand.modes.measured import displacement
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Pose, Task
 from drake_hand.plans.tolerances import TOLERANCES
-from drake_hand.verify.balance import Body, Pushes, fixture, friction_margins, pushes, unbalanced
+from drake_hand.verify.balance import Body, Pushes, Torsion, fixture, friction_margins, pushes, unbalanced
 from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
 from drake_hand.verify.table import borne, check_clear
-from drake_hand.verify.torsion import torsion
+from drake_hand.verify.torsion import pinched_deg, torsion
 
 _STILL_M = 1e-8
 """m between samples below which the object does not move."""
@@ -31,12 +31,14 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
     held = touching >= task.options.min_contacts
     body, by = _body(plan, scene), None
     if task.options.hold == "equilibrium":
-        by = _forces(seen, plan, scene, body, findings)
+        twisted = torsion(seen, scene)
+        by = _forces(seen, plan, scene, body, twisted, findings)
         balance = unbalanced(s, by, body)
         held &= balance <= 1
+        findings.add("pinch_deg", pinched_deg(twisted.spin, seen.digits != FREE), s.t, s.part)
     else:
         balance = np.full(len(s.t), np.nan)
-        for name in ("force_margin", "effort_ratio"):
+        for name in ("force_margin", "effort_ratio", "pinch_deg"):
             findings.add(name, np.full(1, np.nan), s.t[:1], s.part[:1])
     moved = displacement(s.X_WO[1:], s.X_WO[:-1]) > _STILL_M
     if task.support:
@@ -71,7 +73,7 @@ def _ends_held(task: Task) -> bool:
     return last[-1] == "grasp" if last else in_grasp
 
 
-def _forces(seen: Observed, plan: Plan, scene: Scene, body: Body, findings: Findings) -> Pushes:
+def _forces(seen: Observed, plan: Plan, scene: Scene, body: Body, twisted: Torsion, findings: Findings) -> Pushes:
     """Judges friction and efforts everywhere; what the fingers do."""
     s, task = seen.states, plan.task
     n_O = np.nan_to_num(seen.n_O)
@@ -80,7 +82,7 @@ def _forces(seen: Observed, plan: Plan, scene: Scene, body: Body, findings: Find
     slip_W = sliding_velocity(seen)
     findings.add("force_margin", np.where(seen.digits == SLIDE, np.nan, margin), s.t, s.part, plan.fingers)
     findings.add("effort_ratio", np.abs(seen.torque) / scene.hand.effort, s.t, s.part, plan.joints)
-    return pushes(s, np.nan_to_num(seen.p_OS), n_O, slip_W, torsion(seen, scene), body)
+    return pushes(s, np.nan_to_num(seen.p_OS), n_O, slip_W, twisted, body)
 
 
 def _body(plan: Plan, scene: Scene) -> Body:

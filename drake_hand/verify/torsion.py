@@ -1,6 +1,8 @@
-"""How far pads are twisted by tips that turn over the object about the normals of their contacts."""
+"""How far pads are twisted by tips that turn over the object about the normals of their contacts, and go with it."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from drake_hand.compiled import njit
 from drake_hand.model.scene import Scene
 from drake_hand.plans.tolerances import TWIST_RAD
 from drake_hand.verify.balance import Torsion
-from drake_hand.verify.contacts import FREE
+from drake_hand.verify.contacts import FREE, runs
 from drake_hand.verify.observe import Observed
 from drake_hand.verify.surface import PackedObject
 
@@ -26,7 +28,7 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
     s, solid, E = seen.states, PackedObject.of(scene.object), scene.hand.pad.hydroelastic_modulus_pa
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], np.nan_to_num(seen.n_O))
     tip, object_ = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
-    spin = np.sum((tip - object_) * (n_W[1:] + n_W[:-1]) / 2, axis=-1) / TWIST_RAD
+    spin = np.sum((tip - object_) * (n_W[1:] + n_W[:-1]) / 2, axis=-1)
     touching = seen.digits != FREE
     holding = np.linalg.norm(tip, axis=-1) * (touching[1:] & touching[:-1])
     moves = holding.max(axis=1) + np.linalg.norm(object_[:, 0], axis=-1) > _STILL_RAD
@@ -37,8 +39,27 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
         press = np.maximum(-np.sum(s.f_W[rows, i] * n_W[rows, i], axis=1), 0.0)
         lever[rows, i] = 8 / 15 * np.sqrt(2 * finger.radius / bend * np.sqrt(press * bend / (np.pi * E)))
     twist, moving = np.zeros(touching.shape), np.zeros(len(touching), dtype=np.bool_)
-    _follow(np.ascontiguousarray(spin), moves, touching, s.t, twist, moving)
-    return Torsion(twist=twist, moving=moving, lever=lever)
+    _follow(np.ascontiguousarray(spin / TWIST_RAD), moves, touching, s.t, twist, moving)
+    return Torsion(spin=spin, twist=twist, moving=moving, lever=lever)
+
+
+def pinched_deg(spin: np.ndarray, touching: np.ndarray) -> np.ndarray:
+    """(k,) how far pads have turned over the object between just two of them, the one that has less; NaN elsewhere.
+
+    Nothing but their torsion keeps it from turning about the line through both, and a pad that rubs keeps it from
+    nothing: it goes with the other one. In physics it ends about that far off.
+
+    Args:
+        spin: (k - 1, F) as in `Torsion`, rad.
+        touching: (k, F).
+    """
+    out = np.full(len(touching), np.nan)
+    for first, end in runs(touching.sum(axis=1) == 2):
+        changes = np.flatnonzero((touching[first + 1 : end] != touching[first : end - 1]).any(axis=1)) + 1
+        for a, b in itertools.pairwise([first, *(first + changes), end]):
+            turned = np.cumsum(spin[a : b - 1][:, touching[a]], axis=0)
+            out[a:b] = np.degrees(np.append(0.0, np.abs(turned).min(axis=1)))
+    return out
 
 
 def _turned(R: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def states(f_W, X=None, V=None, A=None):
 
 def ratio(s, p, n, b, slip=None, torsion=None):
     flat = np.zeros(s.f_W.shape[:2])
-    none = Torsion(twist=flat, moving=np.ones(len(flat), bool), lever=flat)
+    none = Torsion(spin=flat[1:], twist=flat, moving=np.ones(len(flat), bool), lever=flat)
     return unbalanced(s, pushes(s, p, n, np.zeros_like(s.f_W) if slip is None else slip, torsion or none, b), b)
 
 
@@ -174,7 +174,10 @@ def pivoting(moment, twist, *, moving=True, lever=1e-3):
     aside = moment / 0.04
     f = np.array([[0, 0, -1.0], [0, 0, 1], [-1, aside, 0], [1, -aside, 0]])[None]
     torsion = Torsion(
-        twist=np.array([[twist, -twist, 0, 0]]), moving=np.array([moving]), lever=np.array([[lever, lever, 0, 0]])
+        spin=np.zeros((0, 4)),
+        twist=np.array([[twist, -twist, 0, 0]]),
+        moving=np.array([moving]),
+        lever=np.array([[lever, lever, 0, 0]]),
     )
     s = states(f)
     return ratio(s, p[None], n[None], body(gravity=np.zeros(3), p_OCom=np.zeros(3)), torsion=torsion)[0]

@@ -113,3 +113,18 @@ def test_a_finger_may_push_what_lies_on_a_support(scene):
     # and it is the finger the task names that pushes
     other = Step(push=replace(push.task.motion[0].push, finger="index"))
     broken(with_task(push, motion=[other]), scene, "drift_mm")
+
+
+def test_two_pads_that_turn_over_the_object_do_not_hold_it(held, scene):
+    """All but two fingers left out, they turn the sphere by what more of them did."""
+    assert certify(held, scene=scene).worst["pinch_deg"].value is None
+    kept = ("thumb", "index")
+    parts = []
+    for part in held.parts:
+        digits = [d if name in kept else "0" for name, d in zip(held.fingers, part.mode, strict=True)]
+        contacts = {name: c for name, c in part.contacts.items() if name in kept}
+        parts.append(replace(part, mode="".join(digits), contacts=contacts))
+    pair = replace(held, parts=parts)
+    found = certify(pair, scene=scene)
+    assert found.worst["pinch_deg"].value > 5.0
+    assert any(text.startswith("pinch_deg") for text in found.failures)

@@ -156,7 +156,8 @@ def test_what_dips_between_samples_is_found(seen, over_mm, found):
 
 def rests(seen, lifted, cube, what):
     """What the table leaves unbalanced at the first sample."""
-    none = Torsion(twist=np.zeros(seen.gap.shape), moving=np.zeros(len(seen.gap), bool), lever=np.zeros(seen.gap.shape))
+    flat = np.zeros(seen.gap.shape)
+    none = Torsion(spin=flat[1:], twist=flat, moving=np.zeros(len(flat), bool), lever=flat)
     contacts = np.nan_to_num(seen.p_OS), np.nan_to_num(seen.n_O), np.zeros_like(seen.p_OS)
     by = pushes(seen.states, *contacts, none, what)
     return borne(seen, np.array([0]), by, lifted, cube, what)[0]

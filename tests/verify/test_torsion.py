@@ -13,7 +13,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.plans.tolerances import TWIST_RAD
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.observe import observe
-from drake_hand.verify.torsion import torsion
+from drake_hand.verify.torsion import pinched_deg, torsion
 from tests.verify.held import held_plan
 
 RING = 1
@@ -73,3 +73,19 @@ def test_the_patch_is_that_of_the_planner(seen, scene):
         press = -s.f_W[-1, i] @ s.X_WO[-1, :3, :3] @ seen.n_O[-1, i]
         arm = spin_arm(pad, finger.radius, 1.0, press, 1 + finger.radius / 0.008) / SPARE_FRICTION_SHARE
         assert lever[i] == pytest.approx(arm, rel=1e-3)
+
+
+def test_between_two_pads_the_object_turns_with_the_one_that_turns_less():
+    """Ten degrees over one and six, backwards, over the other, while a third touches before and after."""
+    k = 31
+    spin, touching = np.zeros((k - 1, 3)), np.ones((k, 3), dtype=bool)
+    spin[:, 0], spin[:, 1] = np.radians(1.0), np.radians(-0.6)
+    touching[10:21, 2] = False
+    found = pinched_deg(spin, touching)
+    assert np.isnan(found[:10]).all()
+    assert np.isnan(found[21:]).all()
+    np.testing.assert_allclose(found[10:21], 0.6 * np.arange(11), atol=1e-12)
+    touching[15:] = [True, False, True]
+    found = pinched_deg(spin, touching)
+    assert found[14] == pytest.approx(0.6 * 4)
+    np.testing.assert_allclose(found[15:], 0.0, atol=1e-12)  # the third is at rest on it
