@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 _CASES_PER_WORKER = 2
 """Cases handed out per worker: one that it works on, and one that waits."""
+_CASES_PER_START = 250
+"""Cases per worker after which a process per core is started anew: each leaves a megabyte that Drake does not give back
+(RobotLocomotion/drake#24529). Workers of a cluster are told how long they live when they are started."""
 _MOST_DEATHS = 2
 """Workers that may die of a case before it is given up as ``crashed``."""
 
@@ -59,8 +62,8 @@ def run_sweep(
         return
     tell = progress or (lambda _: None)
     began, last = time.monotonic(), len(todo)
-    with _client(scheduler) as client:
-        for n, done in enumerate(_results(client, todo), start=1):
+    with closing(_started_anew(scheduler, todo)) as results:
+        for n, done in enumerate(results, start=1):
             store.add(done)
             rate = n / (time.monotonic() - began)
             tell(
@@ -72,6 +75,14 @@ def run_sweep(
                     left_s=(last - n) / rate,
                 )
             )
+
+
+def _started_anew(scheduler: str | None, todo: list[Case]) -> Generator[Done]:
+    """The results of the cases; processes of this machine live for so many of them."""
+    block = len(todo) if scheduler else _CASES_PER_START * cores()
+    for first in range(0, len(todo), block):
+        with _client(scheduler) as client:
+            yield from _results(client, todo[first : first + block])
 
 
 def _results(client: Client, todo: list[Case]) -> Iterator[Done]:
@@ -140,7 +151,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
             ):
                 try:
                     yield client
-                except KeyboardInterrupt:  # nobody waits for what the workers still do
+                except (KeyboardInterrupt, GeneratorExit):  # nobody waits for what the workers still do
                     with undisturbed():
                         cluster.sync(_kill, cluster)
                     raise

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 
 from drake_hand import cli
 from drake_hand.errors import DrakeHandError, InputError
+from drake_hand.sweep import run
 from drake_hand.sweep.report import groups, summary
 from drake_hand.sweep.run import run_sweep
 from drake_hand.sweep.spec import load_cases
@@ -112,6 +114,24 @@ def test_ctrl_c_ends_workers_and_says_what_is_done(tmp_path):
     # 0.6 s on a quiet machine; letting the cluster retire its workers takes 2 to 4
     limit = 1.0 if os.getloadavg()[0] <= 1.5 else 2.0
     assert took < limit, f"took {took:.2f} s"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes in /proc")
+def test_processes_of_this_machine_are_started_anew_after_so_many_cases(file, tmp_path, monkeypatch):
+    """Else they grow for as long as a sweep lasts."""
+    after_case: list[set[int]] = []
+    monkeypatch.setattr(run, "_CASES_PER_START", 2)
+    monkeypatch.setattr(run, "cores", lambda: 1)
+
+    def look(_):
+        mine = descendants(os.getpid())
+        after_case.append({p for p in mine if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()})
+
+    with Store.open(tmp_path / "out") as store:
+        run.run_sweep(load_cases(file), store, progress=look)
+        assert {r.status for r in store.rows.values()} == {"certified"}
+    assert [len(workers) for workers in after_case] == [1, 1, 1, 1]
+    assert after_case[0] == after_case[1] != after_case[2] == after_case[3]
 
 
 @pytest.fixture
