@@ -32,6 +32,7 @@ _LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
 
 def _compile_for_level() -> None:
+    """Tells numba, for whatever this process compiles; where nobody told it for what processor to compile."""
     config: Any = numba.config
     if config.CPU_NAME is None and all(llvm.get_host_cpu_features().get(x) for x in _LEVEL_FEATURES):
         config.CPU_NAME, config.CPU_FEATURES = _LEVEL, ""

@@ -108,9 +108,10 @@ class Curve:
         x[:, quaternion] /= norm
         u = x[:, quaternion]
         dx[:, quaternion] = (dx[:, quaternion] - u * np.sum(u * dx[:, quaternion], axis=1, keepdims=True)) / norm
-        points = {f"p_OP {f}": rows[:, pose + 3 * i : pose + 3 * i + 3] for i, f in enumerate(self.leg.p_OP)}
         if self._touched and self.moves:
             points = {f"p_OP {f}": self._touched.point(f, x) for f in self.leg.p_OP}
+        else:
+            points = {f"p_OP {f}": rows[:, pose + 3 * i : pose + 3 * i + 3] for i, f in enumerate(self.leg.p_OP)}
         loads = linear(s, self._s, self._loads)
         return x, dx, points | {name: loads[:, columns] for name, columns in self._columns.items()}
 

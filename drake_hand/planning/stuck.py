@@ -93,7 +93,7 @@ def carried_on(scene: Scene, moves: Moves, x: Node, why: NoPlanFound) -> NoPlanF
         scene,
         Mode.parse(code(hand, touching), [f.name for f in hand.fingers]),
         X_WO,
-        {hand.fingers[f].name: x.p_OP[f] for f in touching},
+        {hand.fingers[f].name: _tip_in_object(moves, x, f) for f in touching},
         corridor=PoseRegion(X_WO=X_WO, position=BESIDE_TICKS * TICK_M, rotation=np.radians(BESIDE_TICKS * TICK_DEG)),
         q_guess=whole(hand, x.q),
     )
@@ -101,9 +101,18 @@ def carried_on(scene: Scene, moves: Moves, x: Node, why: NoPlanFound) -> NoPlanF
         solve_ik(program)
     except Infeasible as e:
         found = e.evidence
+        if not found.violations:  # a distance could not be worked out
+            return why
         who = f"{found.finger}: " if found.finger else ""
         limits = "".join(f", {joint}" for joint in found.at_limit)
         reason = f"{why.reason}; carried on with these contacts, {who}{found.violations[0]}{limits}"
         known = {key: getattr(found, key) for key in ("where", "amount", "at_limit", "violations")}
         return NoPlanFound(reason, status=why.status, evidence=msgspec.structs.replace(why.evidence, **known))
     return why
+
+
+def _tip_in_object(moves: Moves, x: Node, finger: int) -> np.ndarray:
+    """(3,) a tip's centre in O, m."""
+    kinematics = moves.clearance.kinematics[finger]
+    p_WC = kinematics.fk(x.q[None, finger, : len(kinematics.lower)])[0][0]
+    return (p_WC - x.X[:, 3]) @ x.X[:, :3]

@@ -22,9 +22,9 @@ def test_a_contact_that_cannot_follow_is_named_with_its_amount(by_mm):
     """Beside the object's path by 100 mm, it is out of reach."""
     m = moves(HAND, PENCIL, path(HAND, move(0.0, 0.0, 8.0)))
     state = roots(m)[0]
+    names = [f.name for f in m.clearance.hand.fingers]
     state.off = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.5e-3 * by_mm])
     found = carried_on(scene(HAND, PENCIL), m, state, WHY)
-    names = [f.name for f in m.clearance.hand.fingers]
     worst = found.evidence.violations[0]
     assert any(worst.startswith(contact_name(name, scene(HAND, PENCIL))) for name in names)
     assert "; carried on with these contacts, " in found.reason
