@@ -163,7 +163,11 @@ def _infeasible(program: ModeProgram, q: np.ndarray, X_WO: np.ndarray, violation
     rpy_W = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])).vector()
     pose_mm_deg = (X_WO[:3, 3] * 1e3, np.degrees(rpy_W))
     xyz, rpy = (", ".join(f"{round(float(x), 1) + 0.0:.1f}" for x in three) for three in pose_mm_deg)
-    who = f"{worst.finger}: " if worst.finger else ""
-    at_limit = f", {', '.join(limits)}" if limits else ""
     pose = f"object at ({xyz}) mm, rpy ({rpy}) deg"
-    return Infeasible(f"mode {program.mode} is infeasible: {who}{worst}{at_limit}; {pose}", evidence=evidence)
+    return Infeasible(f"mode {program.mode} is infeasible: {what_blocks(evidence)}; {pose}", evidence=evidence)
+
+
+def what_blocks(evidence: Evidence) -> str:
+    """The worst violation in words: whose it is, by how much, and which of the finger's joints are at a limit."""
+    who = f"{evidence.finger}: " if evidence.finger else ""
+    return ", ".join([f"{who}{evidence.violations[0]}", *evidence.at_limit])

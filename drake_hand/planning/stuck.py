@@ -17,7 +17,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.modes.code import Mode
 from drake_hand.modes.constraints import build_ik
 from drake_hand.modes.corridor import PoseRegion
-from drake_hand.modes.solve import Infeasible, solve_ik
+from drake_hand.modes.solve import Infeasible, solution_at, solve_ik, what_blocks
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import TICK_DEG, TICK_M
@@ -89,13 +89,14 @@ def carried_on(scene: Scene, moves: Moves, x: Node, why: NoPlanFound) -> NoPlanF
     s = min(x.s + ONWARD_TICKS, float(path.next_stop(x.s)))
     X_WO = np.vstack([path.beside(np.array([s]), x.off[None])[0], [0.0, 0.0, 0.0, 1.0]])
     touching = np.flatnonzero(x.touching).tolist()
+    q, now = whole(hand, x.q), np.vstack([x.X, [0.0, 0.0, 0.0, 1.0]])
     program = build_ik(
         scene,
         Mode.parse(code(hand, touching), [f.name for f in hand.fingers]),
         X_WO,
-        {hand.fingers[f].name: _tip_in_object(moves, x, f) for f in touching},
+        solution_at(scene, [hand.fingers[f].name for f in touching], q, now).p_OC,
         corridor=PoseRegion(X_WO=X_WO, position=BESIDE_TICKS * TICK_M, rotation=np.radians(BESIDE_TICKS * TICK_DEG)),
-        q_guess=whole(hand, x.q),
+        q_guess=q,
     )
     try:
         solve_ik(program)
@@ -103,16 +104,7 @@ def carried_on(scene: Scene, moves: Moves, x: Node, why: NoPlanFound) -> NoPlanF
         found = e.evidence
         if not found.violations:  # a distance could not be worked out
             return why
-        who = f"{found.finger}: " if found.finger else ""
-        limits = "".join(f", {joint}" for joint in found.at_limit)
-        reason = f"{why.reason}; carried on with these contacts, {who}{found.violations[0]}{limits}"
+        reason = f"{why.reason}; carried on with these contacts, {what_blocks(found)}"
         known = {key: getattr(found, key) for key in ("where", "amount", "at_limit", "violations")}
         return NoPlanFound(reason, status=why.status, evidence=msgspec.structs.replace(why.evidence, **known))
     return why
-
-
-def _tip_in_object(moves: Moves, x: Node, finger: int) -> np.ndarray:
-    """(3,) a tip's centre in O, m."""
-    kinematics = moves.clearance.kinematics[finger]
-    p_WC = kinematics.fk(x.q[None, finger, : len(kinematics.lower)])[0][0]
-    return (p_WC - x.X[:, 3]) @ x.X[:, :3]

@@ -109,11 +109,11 @@ def _extreme(g: Geometry) -> np.ndarray:
 
 
 @njit()
-def _off(box, x, y, z):
-    """How far a point is from a box (2, 3)."""
-    dx = max(box[0, 0] - x, 0.0, x - box[1, 0])
-    dy = max(box[0, 1] - y, 0.0, y - box[1, 1])
-    dz = max(box[0, 2] - z, 0.0, z - box[1, 2])
+def outside_box(low, high, x, y, z):
+    """How far a point is from a box between two corners (3,)."""
+    dx = max(low[0] - x, x - high[0], 0.0)
+    dy = max(low[1] - y, y - high[1], 0.0)
+    dz = max(low[2] - z, z - high[2], 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -129,7 +129,7 @@ def closest(s, x, y, z, near):
         return closest_of(s, 0, x, y, z, near)
     begin, nearest = 0, np.inf
     for g in range(len(s.kind)):
-        off = _off(s.boxes[g], x, y, z)
+        off = outside_box(s.boxes[g, 0], s.boxes[g, 1], x, y, z)
         if off < nearest:
             begin, nearest = g, off
     best = closest_of(s, begin, x, y, z, near)
@@ -147,7 +147,7 @@ def closest_of(s, g, x, y, z, near):
     """As `closest`, of shape g alone."""
     off = 0.0
     if len(s.kind) > 1 or s.kind[g] == 4:
-        off = _off(s.boxes[g], x, y, z)
+        off = outside_box(s.boxes[g, 0], s.boxes[g, 1], x, y, z)
         if off > 0.0 and off > near:
             return x, y, z, 0.0, 0.0, 1.0, off
     R, t = s.R[g], s.p[g]
@@ -238,12 +238,12 @@ def _mesh(px, py, pz, s, g, near, outside):
     fx, fy, fz, least, reach = 0.0, 0.0, 0.0, near * near, near
     begin, nearest = s.first_group[g], np.inf
     for k in range(s.first_group[g], s.first_group[g + 1]):
-        off = _off(s.around[k], px, py, pz)
+        off = outside_box(s.around[k, 0], s.around[k, 1], px, py, pz)
         if off < nearest:
             begin, nearest = k, off
     for i in range(s.first_group[g] - 1, s.first_group[g + 1]):
         k = begin if i < s.first_group[g] else i
-        if _off(s.around[k], px, py, pz) >= reach or i == begin:
+        if outside_box(s.around[k, 0], s.around[k, 1], px, py, pz) >= reach or i == begin:
             continue
         for t in range(s.groups[k], s.groups[k + 1]):
             T, n = s.corners[t], s.normals[t]

@@ -12,7 +12,7 @@ import numpy as np
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels.geometry import closest, closest_of
+from drake_hand.contact.kernels.geometry import closest, closest_of, outside_box
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.hulls import gap
 from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
@@ -67,15 +67,6 @@ def _hulls_apart(a, p, i, b, q, j, X, s, least):
 
 
 @njit()
-def _outside(b, x, y, z):
-    """Distance from the box around a solid."""
-    dx = max(b.low[0] - x, x - b.high[0], 0.0)
-    dy = max(b.low[1] - y, y - b.high[1], 0.0)
-    dz = max(b.low[2] - z, z - b.high[2], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@njit()
 def off_object(w, f, X, s, with_tip, least):
     """Whether placed finger f is clear of the object at X (3, 4), its tip too if asked."""
     c, b = w.cover, w.object
@@ -84,7 +75,7 @@ def off_object(w, f, X, s, with_tip, least):
             continue
         x, y, z = into(X, s.groups[g])
         need = c.r[g] + least
-        if _outside(b, x, y, z) >= need:
+        if outside_box(b.low, b.high, x, y, z) >= need:
             continue
         if c.hull[g] >= 0:
             for j in range(len(b.kind)):
@@ -102,7 +93,7 @@ def off_object(w, f, X, s, with_tip, least):
         for k in range(c.spheres[g], c.spheres[g + 1]):
             need = c.r_sphere[k] + least
             x, y, z = into(X, s.spheres[k])
-            if _outside(b, x, y, z) < need and closest(b, x, y, z, need)[6] < need:
+            if outside_box(b.low, b.high, x, y, z) < need and closest(b, x, y, z, need)[6] < need:
                 return False
     return True
 
@@ -139,7 +130,7 @@ def off_palm(w, f, s, least):
                 for k in range(c.hulls.first[c.hull[g]], c.hulls.first[c.hull[g] + 1]):
                     if _above(w.table, s.hulls[k]) < least:
                         return False
-        if _outside(b, p[0], p[1], p[2]) >= c.r[g] + least:
+        if outside_box(b.low, b.high, p[0], p[1], p[2]) >= c.r[g] + least:
             continue
         for h in range(len(b.kind)):
             need = c.r[g] + least
@@ -151,7 +142,10 @@ def off_palm(w, f, s, least):
                 return False
             for k in range(c.spheres[g], c.spheres[g + 1]):
                 need, x = c.r_sphere[k] + least, s.spheres[k]
-                if _outside(b, x[0], x[1], x[2]) < need and closest_of(b, h, x[0], x[1], x[2], need)[6] < need:
+                if (
+                    outside_box(b.low, b.high, x[0], x[1], x[2]) < need
+                    and closest_of(b, h, x[0], x[1], x[2], need)[6] < need
+                ):
                     return False
     return True
 
@@ -228,7 +222,7 @@ def object_off_palm(w, X, s, least):
         x = X[0, 3] + X[0, 0] * m[0] + X[0, 1] * m[1] + X[0, 2] * m[2]
         y = X[1, 3] + X[1, 0] * m[0] + X[1, 1] * m[1] + X[1, 2] * m[2]
         z = X[2, 3] + X[2, 0] * m[0] + X[2, 1] * m[1] + X[2, 2] * m[2]
-        if _outside(b, x, y, z) >= o.reach[j] + least:
+        if outside_box(b.low, b.high, x, y, z) >= o.reach[j] + least:
             continue
         for h in range(len(b.kind)):
             n, reach = b.middle[h], o.reach[j] + b.reach[h] + least
