@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
@@ -137,6 +138,7 @@ def _client(scheduler: str | None) -> Iterator[Client]:
         "distributed.comm.retry.count": 0,
         "distributed.admin.log-format": "%(message)s",
     }
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # also while what was interrupted goes down
     with dask.config.set(quiet):
         if scheduler is None:
             with (
