@@ -20,6 +20,7 @@ from drake_hand.verify.joints import check_joints
 from drake_hand.verify.legality import check_modes
 from drake_hand.verify.observe import observe
 from drake_hand.verify.predicates import Judgement, check_predicates, judge_predicates
+from drake_hand.verify.recurrence import distinct
 
 
 def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float], None] | None = None) -> Certificate:
@@ -55,6 +56,8 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``init``, ``inv``, ``contact``, ``jump``: how many clauses of the automaton's predicates fail: at the start, while
       each mode lasts, of velocities at the contacts, and at switches.
 
+    Parts of a plan that are like earlier ones, with the object where it looks the same, are not looked at again.
+
     Force fields are null for ``hold: kinematic``. The weight of the hand's own links is not part of the joint torques.
 
     Args:
@@ -66,24 +69,27 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
         InputError: the plan is malformed, or was made for another hand or object than the one found.
     """
     scene = scene_of(plan, scene)
-    findings = Findings()
-    trajectory = Trajectory(plan)
-    check_modes(plan, findings)
-    check_joints(trajectory, scene.hand, findings)
+    assert scene.object is not None
+    once = distinct(plan, scene.object)
+    trajectory, found, findings = Trajectory(once.plan), Findings(), Findings()
+    check_joints(trajectory, scene.hand, found)
     seen = observe(trajectory, scene, progress)
-    check_contacts(seen, plan, findings)
-    check_predicates(seen, plan, scene, findings)
-    stages = check_goal(plan.task, seen.states, findings)
-    check_corridor(plan.task, seen.states, stages, findings)
-    check_hold(seen, plan, scene, stages, findings)
-    check_command(seen, plan, scene, findings)
+    check_contacts(seen, once.plan, found)
+    check_predicates(seen, once.plan, scene, found)
+    check_modes(plan, findings)
+    motion = once.whole(seen.states)
+    stages = check_goal(plan.task, motion, findings)
+    check_corridor(plan.task, motion, stages, findings)
+    check_hold(seen, once.plan, scene, stages, found)
+    check_command(seen, once.plan, scene, found)
+    findings.take(found, once.source, once.later[once.source])
     return Certificate(
         certified=not findings.failures,
         samples=len(seen.states.t),
         worst=findings.worst,
         failures=findings.failures,
         plan_hash=plan.hash,
-        apart_mm=[max(0.0, gap) for _, gap in sorted(findings.apart_mm.items())],
+        apart_mm=[max(0.0, found.apart_mm[i]) for i in once.like.tolist()],
     ).sealed()
 
 

@@ -6,12 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import Corridor, Task
-from drake_hand.plans.trajectory import States
 from drake_hand.verify.findings import TOLERANCES, Findings
-from drake_hand.verify.goal import MOVES, StepSpan
+from drake_hand.verify.goal import MOVES, ObjectSamples, StepSpan, angles
 
 
-def check_corridor(task: Task, states: States, stages: list[StepSpan], findings: Findings) -> None:
+def check_corridor(task: Task, motion: ObjectSamples, stages: list[StepSpan], findings: Findings) -> None:
     """Judges how far the object is off its path, all the time.
 
     A step's nominal path leads from the goal of the step before to its own: straight on, turning evenly. What is judged
@@ -25,9 +24,9 @@ def check_corridor(task: Task, states: States, stages: list[StepSpan], findings:
     deg = wide.deg if wide else TOLERANCES["goal_rotation_deg"]
     ways = [s for s in stages if s.step.kind in MOVES] or stages[:1]
     for i, way in enumerate(ways):
-        rows = slice(way.first, way.last + 1 if i + 1 < len(ways) else len(states.t))
-        shift, turn = beside(states.X_WO[rows], way, mm / 1000, np.radians(deg))
-        t, part = states.t[rows], states.part[rows]
+        rows = slice(way.first, way.last + 1 if i + 1 < len(ways) else len(motion.t))
+        shift, turn = beside(motion.X_WO[rows], way, mm / 1000, np.radians(deg))
+        t, part = motion.t[rows], motion.part[rows]
         findings.add("corridor_mm", shift * 1000, t, part, [way.name], limit=mm)
         findings.add("corridor_deg", np.degrees(turn), t, part, [way.name], limit=deg)
 
@@ -64,7 +63,7 @@ def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tupl
     p_way = way.X_from[:3, 3] + u[:, None] * along
     if round_a_point:
         p_way = way.about + R_way.apply(way.X_from[:3, 3] - way.about)
-    return np.linalg.norm(p - p_way, axis=1), (R_way.inv() * Rotation.from_matrix(R)).magnitude()
+    return np.linalg.norm(p - p_way, axis=1), angles(R, R_way.as_matrix())
 
 
 def _onward(u: np.ndarray) -> np.ndarray:
@@ -79,6 +78,6 @@ def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: StepSpan, length:
         tried = np.clip(u + step, 0.0, 1.0)
         R_way = Rotation.from_rotvec(tried[:, None] * way.turn)
         shift = np.linalg.norm(p - way.about - R_way.apply(way.X_from[:3, 3] - way.about), axis=1)
-        far = np.maximum(shift / length, (R_way.inv() * Rotation.from_matrix(R)).magnitude() / angle)
+        far = np.maximum(shift / length, angles(R, R_way.as_matrix()) / angle)
         best, least = np.where(far < least, tried, best), np.minimum(far, least)
     return best

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from drake_hand.plans.plan import Worst
@@ -60,6 +61,20 @@ class Findings:
             part=int(part[row]),
             where=label,
         )
+
+    def take(self, others: Findings, source: np.ndarray, later: np.ndarray) -> None:
+        """Keeps the worst of a plan with some of this one's parts.
+
+        Args:
+            others: of that plan.
+            source: (n,) index here of each part there.
+            later: (n,) how much later that is here, s.
+        """
+        for name, w in others.worst.items():
+            if w.part is not None and w.time_s is not None:
+                part = int(source[w.part])
+                w = msgspec.structs.replace(w, part=part, time_s=round(w.time_s + float(later[w.part]), 6))
+            self.worst[name] = w
 
     def keep_apart(self, gap_mm: np.ndarray, part: np.ndarray) -> None:
         """Keeps the least of gaps (k,) for each part (k,)."""

@@ -18,6 +18,25 @@ MOVES = ("rotate", "translate", "move_to", "push")
 
 
 @dataclass(frozen=True, kw_only=True)
+class ObjectSamples:
+    """The object at k samples of a plan."""
+
+    t: np.ndarray
+    """(k,) s."""
+    part: np.ndarray
+    """(k,) index of the part."""
+    X_WO: np.ndarray
+    """(k, 4, 4)."""
+    w_WO: np.ndarray
+    """(k, 3) angular velocity, rad/s."""
+
+    @classmethod
+    def of(cls, states: States) -> ObjectSamples:
+        """That of samples."""
+        return cls(t=states.t, part=states.part, X_WO=states.X_WO, w_WO=states.V_WO[:, :3])
+
+
+@dataclass(frozen=True, kw_only=True)
 class StepSpan:
     """The samples in which one step of the motion is carried out, `first` to `last`."""
 
@@ -46,7 +65,7 @@ def pose_matrix(p: Pose | MoveTo) -> np.ndarray:
     return X
 
 
-def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]:
+def check_goal(task: Task, motion: ObjectSamples, findings: Findings) -> list[StepSpan]:
     """Follows the motion through the plan: start pose, then every step's goal in turn, the last at the end.
 
     A rotation has to turn by its whole angle: the turn about its axis since the end of the step before says how often
@@ -57,11 +76,11 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]
     Returns:
         The stages, for all steps.
     """
-    X_WO = states.X_WO
+    X_WO = motion.X_WO
     if isinstance(task.start, Pose):
-        _report(findings, states, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], ["start", "start"])
+        _report(findings, motion, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], ["start", "start"])
     # turned vector: time integral of the angular velocity
-    w, dt = states.V_WO[:, :3], np.diff(states.t)[:, None]
+    w, dt = motion.w_WO, np.diff(motion.t)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
     X, first, stages, met = X_WO[0], 0, [], True
     moving = [i for i, s in enumerate(task.motion) if s.kind in MOVES]
@@ -90,7 +109,7 @@ def check_goal(task: Task, states: States, findings: Findings) -> list[StepSpan]
             if not met and abs(whole) > TOLERANCES["goal_position_mm"]:
                 verb, unit = ("moved", "mm") if axis is None else ("turned", "deg")
                 names[axis is not None] += f": {verb} {along[at]:.3g} of {whole:.4g} {unit}"
-            _report(findings, states, first + at, np.array([position_mm[at], rotation_deg[at]]), names)
+            _report(findings, motion, first + at, np.array([position_mm[at], rotation_deg[at]]), names)
         turn = Rotation.from_matrix(goal[:3, :3] @ X[:3, :3].T).as_rotvec() if axis is None else angle * axis
         about = X[:3, 3]
         if step.rotate and step.rotate.about_mm:
@@ -127,9 +146,14 @@ def step_goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None,
 
 def _errors(X: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """(2, k) distance in mm and angle in degrees between poses and a goal."""
-    R = goal[:3, :3].T @ X[:, :3, :3]
-    angle = Rotation.from_matrix(R).magnitude()
+    angle = angles(X[:, :3, :3], goal[:3, :3])
     return np.stack([np.linalg.norm(X[:, :3, 3] - goal[:3, 3], axis=1) * 1000, np.degrees(angle)])
+
+
+def angles(R: np.ndarray, R_from: np.ndarray) -> np.ndarray:
+    """(k,) angles between orientations (k, 3, 3) and others, rad."""
+    chord = np.linalg.norm((R - R_from).reshape(-1, 9), axis=1)
+    return 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
 
 
 def _first_closest(error: np.ndarray) -> int:
@@ -142,7 +166,7 @@ def _first_closest(error: np.ndarray) -> int:
     return int(within[0] + np.argmin(stretch))
 
 
-def _report(findings: Findings, states: States, at: int, errors: np.ndarray, names: Sequence[str]) -> None:
-    t, part = states.t[at : at + 1], states.part[at : at + 1]
+def _report(findings: Findings, motion: ObjectSamples, at: int, errors: np.ndarray, names: Sequence[str]) -> None:
+    t, part = motion.t[at : at + 1], motion.part[at : at + 1]
     findings.add("goal_position_mm", errors[:1], t, part, names[:1])
     findings.add("goal_rotation_deg", errors[1:], t, part, names[1:])

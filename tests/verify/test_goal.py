@@ -5,10 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import Corridor, Grasp, MoveTo, Options, Pose, Release, Rotate, Step, Task, Translate
-from drake_hand.plans.trajectory import States
 from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
-from drake_hand.verify.goal import check_goal, pose_matrix
+from drake_hand.verify.goal import ObjectSamples, check_goal, pose_matrix
 
 
 def moving(*pieces, start=((0, 0, 100), (0, 0, 0))):
@@ -27,20 +26,11 @@ def moving(*pieces, start=((0, 0, 100), (0, 0, 0))):
             poses.append(Y)
             twists.append(np.concatenate([ds * np.radians(degrees) * axis, np.zeros(3)]))
         X = poses[-1]
-    k = len(poses)
-    zero = np.zeros((k, 1))
-    return States(
-        t=np.arange(k) * 1e-3,
-        part=np.zeros(k, dtype=int),
-        q=zero,
-        v=zero,
-        a=zero,
-        q_offset=zero,
+    return ObjectSamples(
+        t=np.arange(len(poses)) * 1e-3,
+        part=np.zeros(len(poses), dtype=int),
         X_WO=np.array(poses),
-        V_WO=np.array(twists),
-        A_WO=np.zeros((k, 6)),
-        p_OP=np.zeros((k, 1, 3)),
-        f_W=np.zeros((k, 1, 3)),
+        w_WO=np.array(twists)[:, :3],
     )
 
 
