@@ -28,9 +28,10 @@ def weight_offsets(scene: Scene, q: np.ndarray, gravity_W: np.ndarray) -> np.nda
     columns = [plant.get_joint(j) for j in plant.GetJointIndices(scene.hand_model)]
     velocities = sorted(j.velocity_start() for j in columns if j.num_velocities() == 1)
     coupling = scene.expand(np.eye(hand.nq)) - scene.expand(np.zeros(hand.nq))
+    q, place = np.unique(q, axis=0, return_inverse=True)
     torque = np.empty_like(q)
     for i, row in enumerate(q):
         scene.set(row)
         J = plant.CalcJacobianCenterOfMassTranslationalVelocity(context, model, JacobianWrtVariable.kV, W, W)
         torque[i] = coupling @ J[:, velocities].T @ (mass * gravity_W)
-    return -torque / hand.stiffness
+    return (-torque / hand.stiffness)[place]

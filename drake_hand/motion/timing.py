@@ -15,6 +15,7 @@ from drake_hand.motion import law as laws
 from drake_hand.motion.curve import Curve, RateLimits, Touched
 from drake_hand.motion.flow import flowing
 from drake_hand.motion.inertia import OWN_INERTIA_N, Inertia
+from drake_hand.motion.repeat import again, likeness, rounded
 from drake_hand.plans.path import Leg, Path
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.trajectory import hermite
@@ -32,7 +33,6 @@ _GRID_POINTS = 201
 _JOINT_TOLERANCE, _POSE_TOLERANCE = 5e-6, 5e-7
 _CONTACT_TOLERANCES = {"p_OP": 2e-6, "f_W": 2e-3, "q_offset": 2e-5}
 """What the plan's interpolation between knots may add: rad, m or quaternion; m, weights of the object, rad."""
-_LAW_DECIMALS = 10
 
 
 def time_path(path: Path) -> Plan:
@@ -55,7 +55,12 @@ def time_path(path: Path) -> Plan:
     timing = path.task.options.timing
     scene = Scene(path.hand) if timing == "fast" else None
     parts: list[Part] = []
+    known: dict[bytes, tuple[Leg, Part]] = {}
     for legs in _by_part(path.legs):
+        key = likeness(legs)
+        if key in known:
+            parts.append(again(*known[key], legs[0], parts[-1]))
+            continue
         if scene:
             timed = [_fast(Curve(leg, limits, touched), path, scene) for leg in flowing(legs, path.hand)]
         else:
@@ -64,6 +69,7 @@ def time_path(path: Path) -> Plan:
         if 0 < moving < PART_S and timing == "parabolic":
             timed = [x.stretched(PART_S / moving) if x.curve.moves else x for x in timed]
         parts.append(_part(timed, parts[-1] if parts else None))
+        known[key] = legs[0], parts[-1]
     hand, task = path.hand, path.task
     return Plan(
         task=task,
@@ -217,9 +223,6 @@ def _part(legs: list[_Timed], before: Part | None) -> Part:
     slope = np.diff(joined["q_offset"], axis=0) / np.diff(times)[:, None] if "q_offset" in joined else 0.0
     stretch = max(1.0, _hermite_excess(times, positions[:, :nq], rates[:, :nq], slope, limits))
     times, rates = times * stretch + (before.t[-1] if before else 0.0), rates / stretch
-
-    def rounded(values: np.ndarray) -> list:
-        return np.round(values, _LAW_DECIMALS).tolist()
 
     loads = {name: rounded(values) for name, values in joined.items()}
     leg = legs[0].curve.leg

@@ -57,22 +57,34 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
     Raises:
         NoPlanFound: a contact point jumps, as from one convex piece of an object to the next.
     """
-    out, changed = [], False
-    for leg, a in zip(legs, starts, strict=False):
-        rows, times = slice(a, a + len(leg.q)), 1
-        p, f = p_WP[rows], f_W[rows]
-        if not rests(leg) and len(p) > 2:
-            bend = np.diff(p, 2, axis=0)
-            bend = (np.concatenate([bend[:1], bend]) + np.concatenate([bend, bend[-1:]])) / 2
-            lost = np.cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + np.cross(bend / 8, (f[1:] + f[:-1]) / 2)
-            times = max(1, int(np.ceil(np.sqrt(np.linalg.norm(lost.sum(axis=1), axis=1).max() / torque))))
-            if times > 1 and times * len(p) > MOST_KNOTS:
-                steps = np.linalg.norm(np.diff(p, axis=0), axis=2).max(axis=1)
-                what, X_WO = f"a contact jumps {1e3 * steps.max():.2g} mm over an edge", leg.X_WO[steps.argmax()]
-                raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=X_WO)
-        changed |= times > 1
-        out.append(resampled(leg, times) if times > 1 else leg)
-    return out if changed else None
+    moves = np.array([len(leg.q) > 2 and not rests(leg) for leg in legs])
+    if not moves.any():
+        return None
+    lost = np.maximum.reduceat(_lost(starts, p_WP, f_W), starts[:-1])
+    times = np.where(moves, np.maximum(1, np.ceil(np.sqrt(lost / torque))), 1).astype(int)
+    for leg, a, n in zip(legs, starts, times, strict=False):
+        if n > 1 and n * len(leg.q) > MOST_KNOTS:
+            steps = np.linalg.norm(np.diff(p_WP[a : a + len(leg.q)], axis=0), axis=2).max(axis=1)
+            what, X_WO = f"a contact jumps {1e3 * steps.max():.2g} mm over an edge", leg.X_WO[steps.argmax()]
+            raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=X_WO)
+    return [resampled(leg, n) if n > 1 else leg for leg, n in zip(legs, times, strict=True)] if times.max() > 1 else None
+
+
+def _lost(starts: np.ndarray, p: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """(n - 1,) torque lost between each knot and the next, of legs with three knots or more."""
+    k = np.arange(len(p) - 1)
+    leg = np.searchsorted(starts, k, side="right") - 1
+    # second differences before and after, both of the same leg
+    bend, first, last = np.diff(p, 2, axis=0), starts[leg], np.maximum(starts[leg + 1] - 2, starts[leg])
+    bend = bend[np.clip(np.clip(k - 1, first, last), 0, len(bend) - 1)] + bend[np.clip(np.clip(k, first, last), 0, len(bend) - 1)]
+    lost = _cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + _cross(bend, f[1:] + f[:-1]) / 32
+    return np.linalg.norm(lost.sum(axis=1), axis=1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 3) cross products: numpy's takes several times as long."""
+    (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def resampled(leg: Leg, times: int) -> Leg:

@@ -27,8 +27,12 @@ def shortened(moves: Moves, end: Node) -> Node:
         end: of it.
     """
     chain, i = end.chain, 1
+    needed: set[bytes] = set()
     while i < len(chain):
-        shorter = _without(moves, chain, i) if _regrasp(chain, i) else None
+        shorter = None
+        if _regrasp(chain, i) and (postures := _postures(chain, i)) not in needed:
+            shorter = _without(moves, chain, i)
+            needed.add(postures)
         if shorter is None:
             i += 1
         else:
@@ -41,6 +45,13 @@ def _regrasp(chain: list[Node], i: int) -> bool:
     return isinstance(move, FingerSwitch) and bool(
         chain[i - 1].touching[move.finger] and chain[i].touching[move.finger]
     )
+
+
+def _postures(chain: list[Node], i: int) -> bytes:
+    """Those from before a regrasp to the finger's next switch: in a gait the same ones come again, to the same end."""
+    finger = chain[i].move.finger  # type: ignore[union-attr]
+    own = [j for j in range(i + 1, len(chain)) if getattr(chain[j].move, "finger", None) == finger]
+    return b"".join(x.q.tobytes() for x in chain[i - 1 : (own or [len(chain) - 1])[0] + 1])
 
 
 def _without(moves: Moves, chain: list[Node], i: int) -> list[Node] | None:
