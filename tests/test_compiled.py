@@ -76,6 +76,37 @@ def test_code_is_kept_beside_the_source(package, tmp_path):
     assert ask(package, tmp_path) == ["1", str(package / "__pycache__")]
 
 
+LENT = """
+import numpy as np
+from drake_hand.compiled import njit
+
+@njit()
+def _row(x):
+    return x[0]
+
+@njit("f8(f8[:, ::1])")
+def first(x):
+    return _row(x)[0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("", ""), "Only accept returning of array passed into the function"),
+        (("return x[0]", "return 1.0, x[0]"), "TypeError: _row returns an array, but not with allocates=True"),
+        (("return x[0]", "return x[0] + np.ones(x.shape[1])"), "Failed in nopython mode"),
+    ],
+)
+def test_functions_that_count_no_references_neither_make_nor_return_arrays(package, tmp_path, change, says):
+    source = LENT.replace(*change).replace("_row(x)[0]", "_row(x)[1][0]" if "1.0," in change[1] else "_row(x)[0]")
+    (package / "kernel.py").write_text(source)
+    with pytest.raises(AssertionError, match=says):
+        ask(package, tmp_path, "import drake_hand.kernel")
+    (package / "kernel.py").write_text(source.replace("@njit()", "@njit(allocates=True)"))
+    ask(package, tmp_path, "import drake_hand.kernel")
+
+
 def test_code_is_taken_along_when_the_package_is_copied(package, tmp_path):
     """As a wheel does: files get other times, and another place."""
     assert ask(package, tmp_path)[0] == "0"

@@ -94,18 +94,17 @@ class PackedObject:
 
 
 @njit()
-def _triangle(p, a, b, c, out):
-    """The point of a triangle nearest to p (Ericson, Real-Time Collision Detection, 5.1.5)."""
-    ab, ac, ap = np.empty(3), np.empty(3), np.empty(3)
+def _triangle(x, y, z, a, b, c):
+    """The point of a triangle nearest to (x, y, z) (Ericson, Real-Time Collision Detection, 5.1.5)."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-    for i in range(3):
-        ab[i], ac[i], ap[i] = b[i] - a[i], c[i] - a[i], p[i] - a[i]
-        d1 += ab[i] * ap[i]
-        d2 += ac[i] * ap[i]
-        d3 += ab[i] * (p[i] - b[i])
-        d4 += ac[i] * (p[i] - b[i])
-        d5 += ab[i] * (p[i] - c[i])
-        d6 += ac[i] * (p[i] - c[i])
+    for i, p in enumerate((x, y, z)):
+        ab, ac = b[i] - a[i], c[i] - a[i]
+        d1 += ab * (p - a[i])
+        d2 += ac * (p - a[i])
+        d3 += ab * (p - b[i])
+        d4 += ac * (p - b[i])
+        d5 += ab * (p - c[i])
+        d6 += ac * (p - c[i])
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     u = v = 0.0
     if d1 <= 0 and d2 <= 0:
@@ -123,14 +122,16 @@ def _triangle(p, a, b, c, out):
         u = 1.0 - v
     else:
         u, v = vb / (va + vb + vc), vc / (va + vb + vc)
-    for i in range(3):
-        out[i] = a[i] + u * ab[i] + v * ac[i]
+    return (
+        a[0] + u * (b[0] - a[0]) + v * (c[0] - a[0]),
+        a[1] + u * (b[1] - a[1]) + v * (c[1] - a[1]),
+        a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]),
+    )
 
 
 @njit()
 def _mesh(p, corner, plane, first, last, height, out):
     """Of a convex mesh. Nothing is nearer than the farthest plane, and where that plane's triangle is, all is said."""
-    foot = np.empty(3)
     best = 0
     for t in range(first, last):
         n = plane[t]
@@ -149,13 +150,13 @@ def _mesh(p, corner, plane, first, last, height, out):
         t = best if x < 0 else x
         if height[t] < 0 or height[t] >= least:
             continue
-        _triangle(p, corner[first + t, 0], corner[first + t, 1], corner[first + t, 2], foot)
-        d = math.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
+        k = first + t
+        x, y, z = _triangle(p[0], p[1], p[2], corner[k, 0], corner[k, 1], corner[k, 2])
+        x, y, z = p[0] - x, p[1] - y, p[2] - z
+        d = math.sqrt(x * x + y * y + z * z)
         if d < least:
             least = d
-            out[0] = d
-            for i in range(3):
-                out[1 + i] = (p[i] - foot[i]) / d
+            out[0], out[1], out[2], out[3] = d, x / d, y / d, z / d
         if least <= height[best] * (1 + 1e-14):
             return
 

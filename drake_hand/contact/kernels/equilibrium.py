@@ -129,7 +129,7 @@ def _maximise(T, basis, rows, columns, enough):
     return T[rows + 1, columns]
 
 
-@njit()
+@njit(allocates=True)
 def workspace(k):
     """What `margin` works in, for k contacts at the most."""
     return np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2)), np.empty(6 + 2 * k, np.int64)

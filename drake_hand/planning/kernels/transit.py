@@ -164,7 +164,8 @@ def _departures(w, f, X, others, old, touches, rises, upright, up, able, s):
             place(w, j, others[j], s)
     if not touches:
         able[0] = True
-        up[0, LIFT_KNOTS - 1] = old
+        for j in range(len(old)):
+            up[0, LIFT_KNOTS - 1, j] = old[j]
         return
     for d in range(len(rises)):
         if d == upright and able[:upright].any():

@@ -158,7 +158,7 @@ class Scratch(NamedTuple):
     force: np.ndarray
 
 
-@njit()
+@njit(allocates=True)
 def scratch(w):
     """Room for one row; fingers that are not placed yet are far away."""
     n, m = w.chains.lower.shape
