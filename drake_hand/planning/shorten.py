@@ -32,7 +32,8 @@ def shortened(moves: Moves, end: Node) -> Node:
         shorter = None
         if _regrasp(chain, i) and (postures := _postures(chain, i)) not in needed:
             shorter = _without(moves, chain, i)
-            needed.add(postures)
+            if shorter is None:
+                needed.add(postures)
         if shorter is None:
             i += 1
         else:
