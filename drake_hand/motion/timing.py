@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +15,10 @@ from drake_hand.motion import law as laws
 from drake_hand.motion.curve import Curve, RateLimits, Touched
 from drake_hand.motion.flow import flowing
 from drake_hand.motion.inertia import OWN_INERTIA_N, Inertia
-from drake_hand.motion.repeat import again, likeness, rounded
-from drake_hand.plans.path import Leg, Path
+from drake_hand.motion.repeat import in_order, rounded
+from drake_hand.plans.path import Leg, Path, in_parts
 from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.recurring import alike
 from drake_hand.plans.trajectory import hermite
 
 PART_S = 1.0
@@ -40,7 +41,7 @@ def time_path(path: Path) -> Plan:
 
     All joints and the object of a leg run on one parameter s(t), so all of them finish together. In a leg that
     carries the object on *and* regrasps, the slower of the two decides: the pushing fingers wait, slowed down, for
-    the regrasping one (the paper's "Trajectory Planning Results").
+    the regrasping one (the paper's "Trajectory Planning Results"). What recurs with the object turned on is timed once.
 
     ``timing: parabolic`` is linear with parabolic blends: one second a part, shared by its legs as they need it,
     longer where limits ask for it. ``timing: optimal`` is Drake's Toppra, leg by leg; where that gives no answer the
@@ -54,13 +55,12 @@ def time_path(path: Path) -> Plan:
     limits, touched = RateLimits.of(path), Touched.of(path)
     timing = path.task.options.timing
     scene = Scene(path.hand) if timing == "fast" else None
+    groups = _checked(path.legs)
+    first, turned = alike(groups)
+    place: dict[int, int] = {}
     parts: list[Part] = []
-    known: dict[bytes, tuple[Leg, Part]] = {}
-    for legs in _by_part(path.legs):
-        key = likeness(legs)
-        if key in known:
-            parts.append(again(*known[key], legs[0], parts[-1]))
-            continue
+    for i in sorted(set(first)):
+        legs, place[i] = groups[i], len(parts)
         if scene:
             timed = [_fast(Curve(leg, limits, touched), path, scene) for leg in flowing(legs, path.hand)]
         else:
@@ -69,7 +69,9 @@ def time_path(path: Path) -> Plan:
         if 0 < moving < PART_S and timing == "parabolic":
             timed = [x.stretched(PART_S / moving) if x.curve.moves else x for x in timed]
         parts.append(_part(timed, parts[-1] if parts else None))
-        known[key] = legs[0], parts[-1]
+    if path.order or len(parts) < len(groups):
+        order = path.order or [(i, np.eye(3)) for i in range(len(groups))]
+        parts = in_order(parts, [(place[first[i]], turned[i] @ R_OO) for i, R_OO in order])
     hand, task = path.hand, path.task
     return Plan(
         task=task,
@@ -85,24 +87,17 @@ def time_path(path: Path) -> Plan:
     )
 
 
-def _by_part(legs: tuple[Leg, ...]) -> Iterator[list[Leg]]:
-    """Groups legs into parts."""
-    part: list[Leg] = []
-    for i, leg in enumerate(legs):
-        if part:
-            before = part[-1]
-            if np.abs(leg.q[0] - before.q[-1]).max() > 1e-7 or np.abs(leg.X_WO[0] - before.X_WO[-1]).max() > 1e-8:
-                raise ValueError(f"leg {i} does not start where leg {i - 1} ends")
-            if leg.mode != before.mode and not leg.events:
-                raise ValueError(f"leg {i} changes mode {before.mode} to {leg.mode} without an event")
-            loads = [(x.f_W is None, x.q_offset is None) for x in (before, leg)]
-            if not leg.events and loads[0] != loads[1]:
-                raise ValueError(f"legs {i - 1} and {i} are one part, but only one of them carries forces")
-            if leg.events:
-                yield part
-                part = []
-        part.append(leg)
-    yield part
+def _checked(legs: tuple[Leg, ...]) -> list[list[Leg]]:
+    """Legs in parts, after seeing that they join."""
+    for i, (before, leg) in enumerate(itertools.pairwise(legs), start=1):
+        if np.abs(leg.q[0] - before.q[-1]).max() > 1e-7 or np.abs(leg.X_WO[0] - before.X_WO[-1]).max() > 1e-8:
+            raise ValueError(f"leg {i} does not start where leg {i - 1} ends")
+        if leg.mode != before.mode and not leg.events:
+            raise ValueError(f"leg {i} changes mode {before.mode} to {leg.mode} without an event")
+        loads = [(x.f_W is None, x.q_offset is None) for x in (before, leg)]
+        if not leg.events and loads[0] != loads[1]:
+            raise ValueError(f"legs {i - 1} and {i} are one part, but only one of them carries forces")
+    return in_parts(legs)
 
 
 @dataclass(frozen=True, kw_only=True)

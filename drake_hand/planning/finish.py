@@ -5,12 +5,15 @@ Forces come last, because they need the whole path: the search only makes sure t
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from drake_hand.planning.force_plan import add_forces
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.problem import Problem
+from drake_hand.planning.repeats import Kept, kept
 from drake_hand.plans.path import Path
 from drake_hand.plans.task import Task
 
@@ -21,12 +24,15 @@ def finished(problem: Problem, task: Task, builder: LegBuilder) -> Path:
     Raises:
         NoPlanFound: no forces balance the object somewhere along it.
     """
-    holding, legs = problem.holding(task), builder.legs
+    holding, some = problem.holding(task), kept(builder.legs)
     if isinstance(holding, Equilibrium):
+        given = problem.scene, np.asarray(task.physics.gravity), holding, task.table is not None
         with problem.stage("forces"):
-            legs = add_forces(legs, problem.scene, np.asarray(task.physics.gravity), holding, task.table is not None)
+            legs = add_forces(some.legs, *given)
+            some = replace(some, legs=legs) if some.joins(legs) else Kept(legs=add_forces(builder.legs, *given))
     return Path(
-        legs=tuple(legs),
+        legs=tuple(some.legs),
+        order=some.order,
         hand=problem.hand,
         object=problem.object,
         task=task,

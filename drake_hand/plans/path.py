@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,16 @@ class Leg:
     """(n, nq) added to q when commanded; None in kinematic plans."""
 
 
+def in_parts(legs: Iterable[Leg]) -> list[list[Leg]]:
+    """Groups legs into parts, each of which begins with an event."""
+    parts: list[list[Leg]] = []
+    for leg in legs:
+        if leg.events or not parts:
+            parts.append([])
+        parts[-1].append(leg)
+    return parts
+
+
 @dataclass(frozen=True, kw_only=True)
 class Path:
     """A whole motion: legs end to end, and what they are for."""
@@ -43,6 +54,9 @@ class Path:
     legs: tuple[Leg, ...]
     hand: Hand
     object: Object
+    order: tuple[tuple[int, np.ndarray], ...] = ()
+    """Parts in the order in which they happen, where some happen more than once: which of the legs' parts, and by which
+    rotation R_OO (3, 3) the object has turned on about its own origin since then."""
     task: Task
     """With the start pose and the gravity that were found, where ``auto`` was asked."""
     stats: dict[str, Any] = field(default_factory=dict)

@@ -10,7 +10,6 @@ from drake_hand.plans.plan import Plan
 from drake_hand.verify.contacts import FREE, ROLL, SLIDE, runs
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.observe import Observed
-from drake_hand.verify.surface import PackedObject
 
 COMMAND_LIMIT_N = 0.2
 """How much the forces may differ: a fifth, as much as friction and stiffness are off in physics' trials, or 0.2 N."""
@@ -34,7 +33,7 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
     assert scene.object is not None
     error = np.full(seen.digits.shape, np.nan)
     if plan.task.options.hold == "equilibrium":
-        solid, rolls = PackedObject.of(scene.object), plan.task.options.model == "rolling"
+        rolls = plan.task.options.model == "rolling"
         for i, finger in enumerate(hand.fingers):
             c = finger.columns
             for first, end in runs(seen.digits[:, i] != FREE):
@@ -44,11 +43,7 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
                 J, K = seen.J_WS[rows, i, :, : len(c)], hand.stiffness[c]
                 f_W = s.f_W[rows, i]
                 press = np.maximum(-np.sum(f_W * n_W, axis=1), 0.0)
-                flat = (
-                    np.pi
-                    * hand.pad.hydroelastic_modulus_pa
-                    / np.sqrt(solid.bend(seen.p_OC[rows, i], n_O, finger.radius))
-                )
+                flat = np.pi * hand.pad.hydroelastic_modulus_pa / np.sqrt(seen.bend[rows, i])
                 depth = np.sqrt(press / flat)
                 pad = 0.5 / np.sqrt(flat * np.maximum(press, _LIGHT_PRESS_N))
                 taken = (np.einsum("kic,ki->kc", J, f_W) - seen.weight[rows, c]) / K

@@ -101,9 +101,11 @@ def _rising(values: np.ndarray) -> int:
 
 def sliding_velocity(seen: Observed) -> np.ndarray:
     """(k, F, 3) velocity in W of a SLIDE tip's surface over the object's, m/s; zero elsewhere."""
+    velocity = np.zeros_like(seen.p_OS)
+    if not (seen.digits == SLIDE).any():
+        return velocity
     dt = np.maximum(np.diff(seen.states.t), 1e-9)[:, None, None]
     both = ((seen.digits[1:] == SLIDE) & (seen.digits[:-1] == SLIDE))[..., None]
-    velocity = np.zeros_like(seen.p_OS)
     velocity[:-1] = np.where(both, slip_ways(seen) / dt, 0.0)
     return np.einsum("kij,kfj->kfi", seen.states.X_WO[:, :3, :3], velocity)
 

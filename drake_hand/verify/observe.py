@@ -47,6 +47,8 @@ class Observed:
     """(k, F, 3) object's outward normal towards the tip; NaN likewise."""
     p_OS: np.ndarray
     """(k, F, 3) point of the object's surface nearest to the tip; NaN likewise."""
+    bend: np.ndarray
+    """(k, F) of the surface at a contact, as `PackedObject.bend`; NaN where the finger is FREE."""
     nearest: list[tuple[float, int, str]]
     """By part: least distance of any two shapes other than a fingertip and the object, m, at most `NEAR_M`; at which
     sample, and between which bodies."""
@@ -105,6 +107,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
     gap = np.zeros((k, fingers))
     J_WS = np.zeros((k, fingers, 3, max(len(f.columns) for f in hand.fingers)))
     torque, weight = np.zeros((k, hand.nq)), np.zeros((k, hand.nq))
+    bend = np.full((k, fingers), np.nan)
     shapes = Shapes.of(scene, tree)
     travel = _travel(trajectory, states, tree, levers(tree, shapes.size[:-1], scene), shapes.size[-1])
     clearances = Clearances(scene, shapes, trajectory, near=NEAR_M, apart=APART_M)
@@ -126,6 +129,9 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
             touching = digits[rows, i] > 0
             J_WS[rows, i, :, : len(finger.columns)] = np.where(touching[:, None, None], J[:, :, finger.columns], 0.0)
             torque[rows] += np.einsum("kic,ki->kc", J, states.f_W[rows, i])
+            if plan.task.options.hold == "equilibrium":
+                at = first + np.flatnonzero(touching)
+                bend[at, i] = solid.bend(p_OC[at, i], n_O[at, i], finger.radius)
         return clearances.near(first, posture.X_WB, states.X_WO[rows], travel[rows])
 
     firsts = range(0, k, CHUNK_SAMPLES)
@@ -149,6 +155,7 @@ def observe(trajectory: Trajectory, scene: Scene, progress: Callable[[float], No
         gap=gap,
         n_O=n_O,
         p_OS=p_OC - (radius + gap)[..., None] * n_O,
+        bend=bend,
         nearest=nearest,
         apart=apart,
         between=max(between, grazed, key=lambda found: found[0]),

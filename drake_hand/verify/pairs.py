@@ -22,6 +22,8 @@ from drake_hand.verify.kinematics import Tree
 
 _SAME_M = 1e-12
 """m; bounds that differ less tell nothing."""
+_PAIRS_NEAR = 24
+"""Of a sample: room is made for so many."""
 _UNMOVED_M = 1e-7
 """m; what can move less than this between two looks at it is where it was."""
 
@@ -103,7 +105,7 @@ class Shapes:
             (n, 3) sample, pair and lower bound of its distance, wherever that is less than `reach`; and (n, 2) sample
             and pair, wherever the pair could meet before the next sample.
         """
-        capacity = 4 * len(X_WB) + 64
+        capacity = _PAIRS_NEAR * len(X_WB) + 64
         while True:
             low, meet = np.empty((capacity, 3)), np.empty((capacity, 2), dtype=np.int64)
             found = _near(

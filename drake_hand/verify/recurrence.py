@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand.model.geometry import Geometry
 from drake_hand.model.object import Object
 from drake_hand.plans.plan import Contact, Part, Plan
+from drake_hand.plans.recurring import longest_run
 from drake_hand.plans.trajectory import States
 from drake_hand.verify.goal import ObjectSamples
 
@@ -71,11 +72,12 @@ def distinct(plan: Plan, object_: Object) -> Distinct:
     kept, like = list(range(N)), np.arange(N)
     if not any(step.push or step.slide for step in plan.task.motion):
         label = _labels(plan.parts, object_)
-        while found := _longest(label[kept], [plan.parts[x].mode for x in kept]):
+        modes = np.array([[c != "0" for c in part.mode] for part in plan.parts])
+        while found := longest_run(label[kept], usable=lambda some: _all_let_go(modes[kept[some]])):
             first, period, times = found
-            end = first + period * (times + 1)
-            like[kept[first + period : end]] = kept[first : first + period] * times
-            del kept[first + period : end]
+            gone = slice(first + period, first + period * times)
+            like[kept[gone]] = kept[first : first + period] * (times - 1)
+            del kept[gone]
         while (like != like[like]).any():
             like = like[like]
     if len(kept) == N:
@@ -183,21 +185,9 @@ class _Values:
         return bool(points.max(initial=0.0) <= _SAME_TOLERANCE) and symmetric(R)
 
 
-def _longest(label: np.ndarray, modes: list[str]) -> tuple[int, int, int] | None:
-    """Where most can be left out: the first part of a period, its parts, and how often they are repeated."""
-    best, most = None, 0
-    for period in range(1, len(label) // 2 + 1):
-        same = np.concatenate([[0], (label[period:] == label[:-period]).astype(int), [0]])
-        edges = np.flatnonzero(np.diff(same))
-        lengths = edges[1::2] - edges[::2]
-        if not len(lengths) or lengths.max() // period * period <= most:
-            continue
-        first = int(edges[2 * int(np.argmax(lengths))])
-        digits = np.array([[c != "0" for c in mode] for mode in modes[first : first + period]])
-        if (digits.any(axis=0) > digits.all(axis=0)).sum() == digits.any(axis=0).sum():
-            times = int(lengths.max()) // period
-            best, most = (first, period, times), times * period
-    return best
+def _all_let_go(touching: np.ndarray) -> bool:
+    """Whether every finger that touches in some parts (n, F) does not in others."""
+    return bool((touching.any(axis=0) > touching.all(axis=0)).sum() == touching.any(axis=0).sum())
 
 
 def _turned_back(part: Part, R: np.ndarray, begin: float) -> Part:

@@ -12,7 +12,6 @@ from drake_hand.plans.tolerances import TWIST_RAD
 from drake_hand.verify.balance import Torsion
 from drake_hand.verify.contacts import FREE, runs
 from drake_hand.verify.observe import Observed
-from drake_hand.verify.surface import PackedObject
 
 _STILL_RAD = 1e-10
 """Turns between samples below which nothing moves."""
@@ -24,8 +23,7 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
     A hydroelastic pad of modulus E on radius R, pressed by N, goes in by d with N = pi E d^2 where the object is flat,
     touches out to sqrt(2 R d), and rubs at 8/15 of that in the mean: its pressure falls as a parabola.
     """
-    assert scene.object is not None
-    s, solid, E = seen.states, PackedObject.of(scene.object), scene.hand.pad.hydroelastic_modulus_pa
+    s, E = seen.states, scene.hand.pad.hydroelastic_modulus_pa
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], np.nan_to_num(seen.n_O))
     tip, object_ = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
     spin = np.sum((tip - object_) * (n_W[1:] + n_W[:-1]) / 2, axis=-1)
@@ -35,7 +33,7 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
     lever = np.zeros(seen.gap.shape)
     for i, finger in enumerate(scene.hand.fingers):
         rows = np.flatnonzero(touching[:, i])
-        bend = np.sqrt(solid.bend(seen.p_OC[rows, i], seen.n_O[rows, i], finger.radius))
+        bend = np.sqrt(seen.bend[rows, i])
         press = np.maximum(-np.sum(s.f_W[rows, i] * n_W[rows, i], axis=1), 0.0)
         lever[rows, i] = 8 / 15 * np.sqrt(2 * finger.radius / bend * np.sqrt(press * bend / (np.pi * E)))
     twist, moving = np.zeros(touching.shape), np.zeros(len(touching), dtype=np.bool_)

@@ -46,7 +46,7 @@ def at_knots(plan):
 def test_certificate_of_what_is_distinct_is_that_of_the_whole(spin, scene, monkeypatch):
     assert len(distinct(spin, scene.object).plan.parts) < 0.4 * len(spin.parts)
     short = certify(spin, scene=scene)
-    monkeypatch.setattr(recurrence, "_longest", lambda *_: None)
+    monkeypatch.setattr(recurrence, "longest_run", lambda *_, **__: None)
     long = certify(spin, scene=scene)
     assert long.samples > 2.5 * short.samples
     assert np.allclose(short.apart_mm, long.apart_mm, atol=1e-5)
@@ -135,15 +135,14 @@ def test_nothing_is_left_out_of_a_task_that_slides(spin, scene):
     assert len(distinct(replace(spin, task=task), scene.object).plan.parts) == len(spin.parts)
 
 
-def test_a_finger_that_never_lets_go_has_no_period():
-    label = np.array([0, 1, 2, 1, 2, 1, 2, 7])
-    assert recurrence._longest(label, ["00", "10", "01", "10", "01", "10", "01", "00"]) == (1, 2, 2)
-    assert recurrence._longest(label, ["00", "11", "01", "11", "01", "11", "01", "00"]) is None
-
-
-def test_the_most_is_left_out():
-    label = np.array([0, 1, 0, 1, 4, 5, 6, 4, 5, 6, 4, 5, 6])
-    assert recurrence._longest(label, ["1", "0"] * 6 + ["1"]) == (4, 3, 2)
+def test_nothing_is_left_out_where_a_finger_never_lets_go(spin, scene, monkeypatch):
+    """A contact that lasts for ever slips for ever: what one period says does not hold of all."""
+    tops = [
+        recurrence._all_let_go(np.array(x, dtype=bool)) for x in ([[1, 1], [1, 0]], [[1, 0], [0, 0]], [[0, 1], [1, 0]])
+    ]
+    assert tops == [False, True, True]
+    monkeypatch.setattr(recurrence, "_all_let_go", lambda touching: False)
+    assert len(distinct(spin, scene.object).plan.parts) == len(spin.parts)
 
 
 def about(axis, deg):
