@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from drake_hand.planning import grasp
+from drake_hand.planning import grasp, searches, shorten
+from drake_hand.planning.planner import find_paths
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Stroke
 from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import draw_switches
-from drake_hand.plans.task import Step
+from drake_hand.plans.task import Grasp, Options, Rotate, Step, Task
 from tests.planning.small import moves, path, turn, waiting
 
 NOWHERE = np.zeros(6)
@@ -78,3 +79,28 @@ def test_what_is_kept_joins_to_the_last_digit():
     found = shortened(m, end)
     assert found.regrasps == 0
     np.testing.assert_array_equal(found.q[others], end.q[others])
+
+
+def test_what_recurs_is_left_out_each_time(monkeypatch):
+    """Not tried again is only what could not be left out: a gait loses the same regrasp in every period."""
+    task = Task(
+        hand="trio",
+        object="pencil_r8",
+        start="auto",
+        motion=[Step(grasp=Grasp()), Step(rotate=Rotate(axis=(0, 0, 1), frame="object", angle_deg=720.0))],
+        options=Options(hold="kinematic"),
+    )
+    found = []
+
+    def remembered(m, end):
+        short = shortened(m, end)
+        with monkeypatch.context() as patch:
+            patch.setattr(shorten, "_postures", lambda chain, i: object())
+            found.append((end.regrasps, short.regrasps, shortened(m, end).regrasps))
+        return short
+
+    monkeypatch.setattr(searches, "shortened", remembered)
+    next(find_paths(task))
+    assert found
+    for before, after, without_memory in found:
+        assert after == without_memory < before - 5
