@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_hand.compiled import njit
 from drake_hand.contact.submodel import Submodel
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.tolerances import TOLERANCES
@@ -33,6 +34,26 @@ def check_contacts(seen: Observed, plan: Plan, findings: Findings) -> None:
     _check_slides(seen, plan, findings)
 
 
+@njit()
+def _rotated(X, x, y, z):
+    """A vector of a frame at X, in W."""
+    return (
+        X[0, 0] * x + X[0, 1] * y + X[0, 2] * z,
+        X[1, 0] * x + X[1, 1] * y + X[1, 2] * z,
+        X[2, 0] * x + X[2, 1] * y + X[2, 2] * z,
+    )
+
+
+@njit()
+def _turned_back(X, x, y, z):
+    """A vector of W, in a frame at X."""
+    return (
+        X[0, 0] * x + X[1, 0] * y + X[2, 0] * z,
+        X[0, 1] * x + X[1, 1] * y + X[2, 1] * z,
+        X[0, 2] * x + X[1, 2] * y + X[2, 2] * z,
+    )
+
+
 def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
     """Stretches of true entries (k,), as [first, end)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
@@ -45,14 +66,27 @@ def slip_ways(seen: Observed) -> np.ndarray:
     That of the tip's material in contact at the first sample: where the tip rolls it moves off the surface, and along
     it by no more than the third power of the angle.
     """
-    R = np.swapaxes(seen.states.X_WO[:, None, :3, :3], -1, -2) @ seen.X_WC[..., :3, :3]
-    # D takes the tip's material in O from one sample to the next
-    R_D = R[1:] @ np.swapaxes(R[:-1], -1, -2)
-    t_D = seen.p_OC[1:] - _turn(R_D, seen.p_OC[:-1])
-    way = _turn(R_D, seen.p_OS[:-1]) + t_D - seen.p_OS[:-1]
-    n = seen.n_O[1:] + seen.n_O[:-1]
-    n /= np.linalg.norm(n, axis=-1, keepdims=True)
-    return way - np.sum(way * n, axis=-1, keepdims=True) * n
+    way = np.empty_like(seen.p_OS[1:])
+    _slips(seen.X_WC, seen.states.X_WO, seen.p_OC, seen.p_OS, seen.n_O, way)
+    return way
+
+
+@njit("void(f8[:, :, :, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, :, ::1])")
+def _slips(X_WC, X_WO, p_OC, p_OS, n_O, way):
+    """Writes how the tip's material at a contact moves along the surface, in O, from one sample to the next."""
+    for k in range(len(way)):
+        for f in range(way.shape[1]):
+            c = p_OC[k, f]
+            x, y, z = p_OS[k, f, 0] - c[0], p_OS[k, f, 1] - c[1], p_OS[k, f, 2] - c[2]
+            x, y, z = _rotated(X_WO[k], x, y, z)
+            x, y, z = _turned_back(X_WC[k, f], x, y, z)
+            x, y, z = _rotated(X_WC[k + 1, f], x, y, z)
+            x, y, z = _turned_back(X_WO[k + 1], x, y, z)
+            c = p_OC[k + 1, f]
+            x, y, z = x + c[0] - p_OS[k, f, 0], y + c[1] - p_OS[k, f, 1], z + c[2] - p_OS[k, f, 2]
+            u, v, w = n_O[k, f, 0] + n_O[k + 1, f, 0], n_O[k, f, 1] + n_O[k + 1, f, 1], n_O[k, f, 2] + n_O[k + 1, f, 2]
+            along = (x * u + y * v + z * w) / (u * u + v * v + w * w)
+            way[k, f, 0], way[k, f, 1], way[k, f, 2] = x - along * u, y - along * v, z - along * w
 
 
 def rolling_slip(seen: Observed) -> np.ndarray:
@@ -108,10 +142,6 @@ def sliding_velocity(seen: Observed) -> np.ndarray:
     both = ((seen.digits[1:] == SLIDE) & (seen.digits[:-1] == SLIDE))[..., None]
     velocity[:-1] = np.where(both, slip_ways(seen) / dt, 0.0)
     return np.einsum("kij,kfj->kfi", seen.states.X_WO[:, :3, :3], velocity)
-
-
-def _turn(R: np.ndarray, p: np.ndarray) -> np.ndarray:
-    return np.einsum("kfij,kfj->kfi", R, p)
 
 
 def _check_slides(seen: Observed, plan: Plan, findings: Findings) -> None:

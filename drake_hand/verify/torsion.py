@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
@@ -25,11 +26,9 @@ def torsion(seen: Observed, scene: Scene) -> Torsion:
     """
     s, E = seen.states, scene.hand.pad.hydroelastic_modulus_pa
     n_W = np.einsum("kij,kfj->kfi", s.X_WO[:, :3, :3], np.nan_to_num(seen.n_O))
-    tip, object_ = _turned(seen.X_WC[..., :3, :3]), _turned(s.X_WO[:, None, :3, :3])
-    spin = np.sum((tip - object_) * (n_W[1:] + n_W[:-1]) / 2, axis=-1)
     touching = seen.digits != FREE
-    holding = np.linalg.norm(tip, axis=-1) * (touching[1:] & touching[:-1])
-    moves = holding.max(axis=1) + np.linalg.norm(object_[:, 0], axis=-1) > _STILL_RAD
+    spin, moves = np.empty((len(touching) - 1, touching.shape[1])), np.empty(len(touching) - 1, dtype=np.bool_)
+    _spins(seen.X_WC, s.X_WO, n_W, touching, spin, moves)
     lever = np.zeros(seen.gap.shape)
     for i, finger in enumerate(scene.hand.fingers):
         rows = np.flatnonzero(touching[:, i])
@@ -60,11 +59,30 @@ def pinched_deg(spin: np.ndarray, touching: np.ndarray) -> np.ndarray:
     return out
 
 
-def _turned(R: np.ndarray) -> np.ndarray:
-    """(k - 1, ..., 3) small rotation vectors from each of some orientations (k, ..., 3, 3) to the next."""
-    D = R[1:] @ np.swapaxes(R[:-1], -1, -2)
-    D = (D - np.swapaxes(D, -1, -2)) / 2
-    return np.stack([D[..., 2, 1], D[..., 0, 2], D[..., 1, 0]], axis=-1)
+@njit()
+def _turned(X, Y):
+    """The small rotation vector from one orientation to another, of poses (4, 4)."""
+    x = y = z = 0.0
+    for j in range(3):
+        x += Y[2, j] * X[1, j] - Y[1, j] * X[2, j]
+        y += Y[0, j] * X[2, j] - Y[2, j] * X[0, j]
+        z += Y[1, j] * X[0, j] - Y[0, j] * X[1, j]
+    return x / 2, y / 2, z / 2
+
+
+@njit("void(f8[:, :, :, ::1], f8[:, :, ::1], f8[:, :, ::1], b1[:, ::1], f8[:, ::1], b1[::1])")
+def _spins(X_WC, X_WO, n_W, touching, spin, moves):
+    """Writes how far tips turn over the object about normals n_W (k, F, 3), and whether anything that touches moves."""
+    for k in range(len(spin)):
+        x, y, z = _turned(X_WO[k], X_WO[k + 1])
+        most = 0.0
+        for f in range(spin.shape[1]):
+            u, v, w = _turned(X_WC[k, f], X_WC[k + 1, f])
+            a, b = n_W[k, f], n_W[k + 1, f]
+            spin[k, f] = ((u - x) * (a[0] + b[0]) + (v - y) * (a[1] + b[1]) + (w - z) * (a[2] + b[2])) / 2
+            if touching[k, f] and touching[k + 1, f]:
+                most = max(most, math.sqrt(u * u + v * v + w * w))
+        moves[k] = most + math.sqrt(x * x + y * y + z * z) > _STILL_RAD
 
 
 @njit("void(f8[:, ::1], b1[::1], b1[:, ::1], f8[::1], f8[:, ::1], b1[::1])")
