@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +17,14 @@ from drake_hand.modes.switch import Event, EventKind
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
+from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.state import Node, Stroke
+from drake_hand.planning.strokes import rolled
 from drake_hand.planning.switches import path_pieces
 from drake_hand.plans.path import Leg
+
+FEWEST_STEPS = 4
+"""Of a stroke in a leg."""
 
 
 class LegBuilder:
@@ -126,14 +132,38 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
     for before, after in itertools.pairwise(states):
         move = after.move
         if isinstance(move, Stroke):
-            X = np.tile(np.eye(4), (len(move.X), 1, 1))
-            X[:, :3] = move.X
+            move = _finer(moves, before, move)
+            X = _square(move.X)
             held = np.flatnonzero(after.touching)
             widths = {int(i): len(builder.hand.fingers[i].columns) for i in held}
             builder.carry(moves.clearance, {i: move.q[:, i, :m] for i, m in widths.items()}, X)
         else:
             assert move is not None
             _switch(builder, moves, before, after, move.finger)
+
+
+def _finer(moves: Moves, before: Node, stroke: Stroke) -> Stroke:
+    """The stroke with more poses, if it has few: between two, joints that are interpolated leave the surface."""
+    K = len(stroke.X) - 1
+    times = -(-FEWEST_STEPS // K)
+    if times == 1:
+        return stroke
+    path = ObjectPath(X_WO=_square(stroke.X), stops=(K,))
+    share = np.linspace(0.0, 1.0, times * K + 1)
+    X = path.beside(K * share, np.zeros((len(share), 6)))
+    weightless = replace(moves, load=moves.load._replace(kinematic=True, min_contacts=0))  # forces are found later
+    q, length = rolled(weightless, X[None], np.array([times * K]), [before])
+    if length[0] < times * K:
+        return stroke
+    # what follows begins where the stroke ended
+    return Stroke(X=X, q=q[0] + share[:, None, None] * (stroke.q[-1] - q[0, -1]))
+
+
+def _square(X: np.ndarray) -> np.ndarray:
+    """Poses (n, 4, 4) from their upper rows (n, 3, 4)."""
+    out = np.tile(np.eye(4), (len(X), 1, 1))
+    out[:, :3] = X
+    return out
 
 
 def _switch(builder: LegBuilder, moves: Moves, before: Node, after: Node, finger: int) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import boolean, float64, int64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels.rolling import frames, jacobian, least_squares, tip
+from drake_hand.contact.kernels.rolling import frames, jacobian, least_squares, tip, touch
 from drake_hand.planning.kernels.clear import clear_alone, place
 from drake_hand.planning.kernels.world import SEEDS, WORLD, scratch
 
@@ -20,6 +20,8 @@ LIFT_JUMP_RAD = math.radians(20.0)
 """Joint step beyond which a lift is no longer one path."""
 LIFT_KNOTS = 9
 """Of a lift or a landing."""
+TIP_LOOKS, TIP_GAP_M = 4, 1.5e-4
+"""How many times finer the tip is looked at on a travel, and its least gap there, m: more than a contact has."""
 
 
 @njit()
@@ -153,6 +155,11 @@ def straight(w, f, a, b, X, step, q, s):
                 q[j] = a[j] + (b[j] - a[j]) * i / n
             if not clear_alone(w, f, q, False, X, s, w.clearance / 2):
                 return False
+    for i in range(1, TIP_LOOKS * n):  # between those, the tip may go round a corner
+        for j in range(m):
+            q[j] = a[j] + (b[j] - a[j]) * i / (TIP_LOOKS * n)
+        if touch(w.chains, w.object, f, q, X, s.p, s.R)[9] < w.chains.radius[f] + TIP_GAP_M:
+            return False
     return True
 
 
