@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
 from statistics import median
 from time import perf_counter
 from typing import Annotated, Any
@@ -33,6 +35,14 @@ UNITS = {
     "plan_over_check": "planning time over checking time, full turn",
     "five_over_three": "planning time with five fingers over three, full turn, kinematic",
     "turns10_over_1": "planning time of ten turns over one",
+    "proved10_over_1": "the same, certificate included",
+    "trio90_s": "cpu s to turn a pencil by 90 deg with three fingers, kinematic; start and grasp are found",
+    "hpp90_s": "cpu s that HPP takes for it, start and grasp given",
+    "trio180_s": "the same for 180 deg",
+    "hpp180_s": "HPP",
+    "trio360_s": "the same for 360 deg",
+    "hpp360_s": "HPP",
+    "hpp_found": "share of these turns that HPP found within 60 s of cpu time",
     "certificate_per_s": "samples of a full turn certified per second",
     "certificate_vs_all_pairs": "times the rate of a certificate that asks Drake about every pair at every sample",
     "realtime_factor": "physics replay, times real time",
@@ -43,6 +53,7 @@ def bench(
     *,
     runs: Annotated[int, Parameter(validator=Number(gte=1))] = 3,
     seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    hpp: Path | None = None,
     json: bool = False,
 ) -> None:
     """Measure speed on this machine: inverse kinematics, equilibrium, planning, physics.
@@ -52,21 +63,24 @@ def bench(
     ```console
     $ drake-hand bench
     $ drake-hand bench --runs 5 --json
+    $ python -m venv hpp && hpp/bin/pip install hpp-python && drake-hand bench --hpp hpp/bin/python
     ```
 
     Args:
         runs: number of runs of every measurement; median, minimum and maximum are reported.
         seed: of random contacts and of the planner.
+        hpp: interpreter of an environment with the package hpp-python, to be measured too.
         json: print one JSON object on stdout.
     """
     found: Samples = {}
     missing: dict[str, str] = {}
-    measures = {
+    measures: dict[str, Callable[[int, int], Iterable[tuple[str, list[float]]]]] = {
         "ik": _ik,
         "equilibrium": _equilibrium,
         "strokes": _strokes,
         "planning": _planning,
         "fingers": _fingers,
+        "hpp": partial(_hpp, hpp),
         "certificate": _certificate,
         "physics": _physics,
     }
@@ -166,7 +180,18 @@ def _planning(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     yield "spin360_s", [r.plan_s for r in full]
     yield "plan_over_check", [r.plan_s / r.stages_s["certificate"] for r in full]
     one = median(r.plan_s for r in full)
-    yield "turns10_over_1", [plan_s(spin_by(spin, 3600.0)) / one]
+    ten = api.solve(spin_by(spin, 3600.0), seed=seed)
+    yield "turns10_over_1", [ten.plan_s / one]
+    proved = median(r.plan_s + r.stages_s["certificate"] for r in full)
+    yield "proved10_over_1", [(ten.plan_s + ten.stages_s["certificate"]) / proved]
+
+
+def _hpp(python: Path | None, runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand.cli.bench_hpp import hpp_samples
+
+    if python is None:
+        raise NoPlanFound("--hpp names no interpreter of an environment with the package hpp-python")
+    yield from hpp_samples(python, repeats=runs)
 
 
 def _fingers(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
