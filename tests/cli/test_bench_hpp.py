@@ -44,12 +44,12 @@ def test_hpp_gets_the_pose_and_the_grasp_of_our_plan(tmp_path):
 
 @pytest.mark.skipif(find_spec("pinocchio") is not None, reason="what HPP needs is installed here")
 def test_where_hpp_is_not_installed_that_is_said():
-    with pytest.raises(NoPlanFound, match="HPP cannot be asked: .*No module named 'pinocchio'"):
+    with pytest.raises(NoPlanFound, match=r"HPP cannot be asked: .*No module named 'pinocchio'"):
         list(hpp_samples(Path(sys.executable), repeats=1))
 
 
 def test_where_there_is_no_interpreter_that_is_said():
-    with pytest.raises(NoPlanFound, match="HPP cannot be asked: .*No such file"):
+    with pytest.raises(NoPlanFound, match=r"HPP cannot be asked: .*No such file"):
         list(hpp_samples(Path("/no/such/python"), repeats=1))
 
 
