@@ -129,10 +129,11 @@ class LegBuilder:
 
 def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
     """Appends what a search found: strokes, and between them fingers that break and make contact."""
+    known: dict[bytes, np.ndarray] = {}
     for before, after in itertools.pairwise(states):
         move = after.move
         if isinstance(move, Stroke):
-            move = _finer(moves, before, move)
+            move = _finer(moves, before, move, known)
             X = _square(move.X)
             held = np.flatnonzero(after.touching)
             widths = {int(i): len(builder.hand.fingers[i].columns) for i in held}
@@ -142,8 +143,11 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
             _switch(builder, moves, before, after, move.finger)
 
 
-def _finer(moves: Moves, before: Node, stroke: Stroke) -> Stroke:
-    """The stroke with more poses, if it has few: between two, joints that are interpolated leave the surface."""
+def _finer(moves: Moves, before: Node, stroke: Stroke, known: dict[bytes, np.ndarray]) -> Stroke:
+    """The stroke with more poses, if it has few: between two, joints that are interpolated leave the surface.
+
+    Joints of strokes that are repeated are kept by those they had, so that they stay the same to the last digit.
+    """
     K = len(stroke.X) - 1
     times = -(-FEWEST_STEPS // K)
     if times == 1:
@@ -151,12 +155,15 @@ def _finer(moves: Moves, before: Node, stroke: Stroke) -> Stroke:
     path = ObjectPath(X_WO=_square(stroke.X), stops=(K,))
     share = np.linspace(0.0, 1.0, times * K + 1)
     X = path.beside(K * share, np.zeros((len(share), 6)))
+    if (key := stroke.q.tobytes()) in known:
+        return Stroke(X=X, q=known[key])
     weightless = replace(moves, load=moves.load._replace(kinematic=True, min_contacts=0))  # forces are found later
     q, length = rolled(weightless, X[None], np.array([times * K]), [before])
     if length[0] < times * K:
         return stroke
     # what follows begins where the stroke ended
-    return Stroke(X=X, q=q[0] + share[:, None, None] * (stroke.q[-1] - q[0, -1]))
+    known[key] = q[0] + share[:, None, None] * (stroke.q[-1] - q[0, -1])
+    return Stroke(X=X, q=known[key])
 
 
 def _square(X: np.ndarray) -> np.ndarray:

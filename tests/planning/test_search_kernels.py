@@ -16,6 +16,7 @@ from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS,
 from drake_hand.planning.switches import _rises, draw_retreats, draw_switches, path_pieces
 from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
+from drake_hand.plans.tolerances import TOLERANCES
 from tests.contact.plain_rolling import roll
 from tests.planning.small import (
     as_sets,
@@ -298,3 +299,22 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
                     np.testing.assert_allclose(one[-1], two[0], atol=1e-12)
                 checked += 1
     assert checked > 20
+
+
+@pytest.mark.parametrize("object_", ["cube", "pencil_r8"])
+def test_the_tip_of_a_finger_that_travels_goes_round_edges(object_):
+    """Looked at much more finely than the search does: it keeps off by more than what counts as contact."""
+    m = moves("kanguera", object_, path("kanguera", turn(20.0)))
+    c, X = m.clearance, m.path.X_WO[0]
+    least, travels = np.inf, 0
+    for before in grasp.roots(m, waiting("kanguera"), every=False, most=True)[:40]:
+        for f in np.flatnonzero(before.liftable).tolist():
+            for after in draw_switches(m, before, f):
+                for piece in path_pieces(m, before, after)[1:-1]:
+                    u = np.linspace(0, len(piece) - 1, 40 * len(piece))
+                    q = np.stack([np.interp(u, np.arange(len(piece)), column) for column in piece.T], axis=1)
+                    p_OC = (c.kinematics[f].fk(q)[0] - X[:3, 3]) @ X[:3, :3]
+                    least = min(least, (c.surface.closest(p_OC)[2] - c.hand.fingers[f].radius).min())
+                    travels += 1
+    assert travels > 20
+    assert least > 1e-3 * TOLERANCES["contact_mm"]
