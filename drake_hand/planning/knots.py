@@ -67,9 +67,9 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
             steps = np.linalg.norm(np.diff(p_WP[a : a + len(leg.q)], axis=0), axis=2).max(axis=1)
             what, X_WO = f"a contact jumps {1e3 * steps.max():.2g} mm over an edge", leg.X_WO[steps.argmax()]
             raise no_plan(what, mode=leg.mode, constraint="continuous contact", X_WO=X_WO)
-    return (
-        [resampled(leg, n) if n > 1 else leg for leg, n in zip(legs, times, strict=True)] if times.max() > 1 else None
-    )
+    if times.max() == 1:
+        return None
+    return [resampled(leg, n) if n > 1 else leg for leg, n in zip(legs, times, strict=True)]
 
 
 def _lost(starts: np.ndarray, p: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -77,11 +77,10 @@ def _lost(starts: np.ndarray, p: np.ndarray, f: np.ndarray) -> np.ndarray:
     k = np.arange(len(p) - 1)
     leg = np.searchsorted(starts, k, side="right") - 1
     # second differences before and after, both of the same leg
-    bend, first, last = np.diff(p, 2, axis=0), starts[leg], np.maximum(starts[leg + 1] - 2, starts[leg])
-    bend = (
-        bend[np.clip(np.clip(k - 1, first, last), 0, len(bend) - 1)]
-        + bend[np.clip(np.clip(k, first, last), 0, len(bend) - 1)]
-    )
+    bend = np.diff(p, 2, axis=0)
+    first = np.minimum(starts[leg], len(bend) - 1)
+    last = np.clip(starts[leg + 1] - 2, first, len(bend) - 1)
+    bend = bend[np.clip(k - 1, first, last)] + bend[np.clip(k, first, last)]
     lost = _cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + _cross(bend, f[1:] + f[:-1]) / 32
     return np.linalg.norm(lost.sum(axis=1), axis=1)
 

@@ -133,7 +133,7 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
     for before, after in itertools.pairwise(states):
         move = after.move
         if isinstance(move, Stroke):
-            move = _finer(moves, before, move, known)
+            move = _with_more_poses(moves, before, move, known)
             X = _square(move.X)
             held = np.flatnonzero(after.touching)
             widths = {int(i): len(builder.hand.fingers[i].columns) for i in held}
@@ -143,7 +143,7 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
             _switch(builder, moves, before, after, move.finger)
 
 
-def _finer(moves: Moves, before: Node, stroke: Stroke, known: dict[bytes, np.ndarray]) -> Stroke:
+def _with_more_poses(moves: Moves, before: Node, stroke: Stroke, known: dict[bytes, np.ndarray]) -> Stroke:
     """The stroke with more poses, if it has few: between two, joints that are interpolated leave the surface.
 
     Joints of strokes that are repeated are kept by those they had, so that they stay the same to the last digit.

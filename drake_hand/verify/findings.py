@@ -45,15 +45,12 @@ class Findings:
         sign = -1.0 if name in AT_LEAST else 1.0
         judged = np.where(np.isnan(values), -np.inf, sign * values)
         if not np.isfinite(judged).any():
-            self.worst.setdefault(name, Worst(value=None, limit=limit, ok=True))
+            self._keep(name, Worst(value=None, limit=limit, ok=True))
             return
         index = np.unravel_index(np.argmax(judged), judged.shape)
         value, row = float(values[index]), int(index[0])
         label = where(row) if callable(where) else where[int(index[-1]) if values.ndim == 2 else 0]
-        before = self.worst.get(name)
-        if before is not None and before.value is not None and sign * before.value >= sign * value:
-            return
-        self.worst[name] = Worst(
+        worst = Worst(
             value=value,
             limit=limit,
             ok=bool(sign * value <= sign * limit),
@@ -61,6 +58,13 @@ class Findings:
             part=int(part[row]),
             where=label,
         )
+        self._keep(name, worst)
+
+    def _keep(self, name: str, w: Worst) -> None:
+        """Keeps it, unless what is there already is as bad."""
+        sign, before = (-1.0 if name in AT_LEAST else 1.0), self.worst.get(name)
+        if before is None or before.value is None or (w.value is not None and sign * before.value < sign * w.value):
+            self.worst[name] = w
 
     def take(self, others: Findings, source: np.ndarray, later: np.ndarray) -> None:
         """Keeps the worst of a plan with some of this one's parts.
@@ -74,7 +78,7 @@ class Findings:
             if w.part is not None and w.time_s is not None:
                 part = int(source[w.part])
                 w = msgspec.structs.replace(w, part=part, time_s=round(w.time_s + float(later[w.part]), 6))
-            self.worst[name] = w
+            self._keep(name, w)
 
     def keep_apart(self, gap_mm: np.ndarray, part: np.ndarray) -> None:
         """Keeps the least of gaps (k,) for each part (k,)."""

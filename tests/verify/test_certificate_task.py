@@ -78,6 +78,8 @@ def test_a_slide_is_as_long_as_the_task_asks(kinematic, scene):
     worst = broken(told(length + 0.5), scene, "goal_position_mm")["goal_position_mm"]
     assert worst.value == pytest.approx(0.5, abs=0.05)
     assert worst.where == "step 4, slide"
+    off = with_step(told(length), 1, Step(translate=Translate(by_mm=(3.0, 0.0, 0.0))))
+    assert not certify(off, scene=scene).worst["goal_position_mm"].ok, "a slide that is right hides no goal that is not"
     asked = with_task(
         kinematic, motion=[*kinematic.task.motion[:3], told(length).task.motion[3], Step(release=Release())]
     )
