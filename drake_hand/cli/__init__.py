@@ -10,6 +10,10 @@ from collections.abc import Sequence
 from drake_hand.cli import interrupt
 from drake_hand.errors import INTERRUPTED
 
+_GARBAGE_THRESHOLDS = 100_000, 50, 100
+"""Of the garbage collector: imports and plans are many objects that stay, and a command spent a tenth of its time
+looking through them."""
+
 
 def run(tokens: Sequence[str]) -> int:
     """Runs a command; returns its exit status. Errors become one message and the status of their kind."""
@@ -68,6 +72,7 @@ def _run(tokens: Sequence[str]) -> int:
 def main() -> None:
     """Entry point of ``drake-hand``."""
     interrupt.heed()
+    gc.set_threshold(*_GARBAGE_THRESHOLDS)
     status = run(sys.argv[1:])
     gc.freeze()  # half a second in which a process that ends anyway would look for garbage
     sys.exit(status)

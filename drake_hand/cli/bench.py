@@ -142,6 +142,7 @@ def _equilibrium(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
 
 
 def _strokes(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
+    from drake_hand.model.hand import Hand
     from drake_hand.planning import grasp
     from drake_hand.planning.object_path import build, pose
     from drake_hand.planning.problem import Problem
@@ -152,7 +153,7 @@ def _strokes(runs: int, seed: int) -> Iterator[tuple[str, list[float]]]:
     task = Task(
         hand="kanguera", object="cube", start=start, motion=[Step(grasp=Grasp()), turn], options=Options(seed=seed)
     )
-    problem = Problem.of(task, lambda _: None)
+    problem = Problem.of(task, Hand.load(task.hand), lambda _: None)
     moves = problem.moves(task, build(pose(start), [turn]), frozenset(range(len(problem.hand.fingers))))
     states = grasp.roots(moves, by_finger(problem.hand, problem.hand.q_home), every=False, most=False)
 

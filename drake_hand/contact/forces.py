@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
 from drake_hand.contact.chain import skew
+from drake_hand.contact.cone_program import ConeProgram
 from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.errors import NoPlanFound
 from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 SHORTFALL_COST = 25.0
@@ -23,10 +22,12 @@ FRICTION_WEIGHT = 16.0
 """Of squared friction forces: contacts that roll creep the way friction pulls them, and a turn drifts."""
 SLIDING_WEIGHT = 200.0
 """Of squared deviations from the preload where a contact slides: the lighter it presses, the less it drags along."""
-
-
-class Unbalanced(NoPlanFound):
-    """No contact forces balance the object."""
+TORSION_WEIGHT = 2.0
+"""Of squared torsion over its radius."""
+LIKELY_SHARE = 0.4
+"""Of the preload: contacts that would balance the object with less, or by pulling, press about so much in the end."""
+_SINGULAR_SHARE = 1e-9
+"""By which contacts that cannot bear every wrench are taken to yield to all others."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +107,7 @@ def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
     c = _Contacts(sets, problem)
     if c.count == 0 and not len(c.balanced):
         return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
-    program = _ConeProgram()
+    program = ConeProgram()
     _balance(program, c)
     _press(program, c)
     _spare_joints(program, c)
@@ -114,6 +115,39 @@ def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
     _stay_in_cones(program, c)
     x = program.solve(*_cost(c), knots=n)
     return _forces(c, x)
+
+
+def likely_press(sets: ContactSets, problem: ForceProblem) -> np.ndarray:
+    """About how hard each contact presses in the forces of `balance_forces`, in a hundredth of their time.
+
+    Those that balance the object at each knot with the least squared deviations from an even preload and squared
+    friction forces, their limits left aside; what comes out too light is raised, for it may come out pulling.
+
+    Args:
+        sets: the contacts at each of n knots.
+        problem: at the same knots.
+
+    Returns:
+        (n, k) normal forces, zero where there is no contact, N.
+    """
+    c = _Contacts(sets, problem)
+    spread = np.zeros((c.count, 4, 4))
+    """Inverse of the cost of deviations."""
+    spread[:, :3, :3] = np.linalg.inv(c.own_cost)
+    spread[:, 3, 3] = 1.0 / TORSION_WEIGHT
+    moved = spread @ c.wrench.transpose(0, 2, 1)
+    lacking = np.zeros((c.n, 6))
+    lacking[:, :3] = problem.force_W
+    np.add.at(lacking, c.knot, np.einsum("aij,aj->ai", c.wrench[..., :3], c.pressed[:, None] * c.normal))
+    lacking[np.setdiff1d(np.arange(c.n), c.balanced)] = 0.0
+    yields = np.zeros((c.n, 6, 6))
+    np.add.at(yields, c.knot, c.wrench @ moved)
+    yields += (_SINGULAR_SHARE * np.trace(yields, axis1=1, axis2=2) + _SINGULAR_SHARE)[:, None, None] * np.eye(6)
+    wrench = np.linalg.solve(yields, lacking[..., None])[..., 0]
+    press = np.zeros((c.n, c.k))
+    given = c.pressed - np.einsum("ai,aij,aj->a", c.normal, moved[:, :3], wrench[c.knot])
+    press[c.knot, c.contact] = np.maximum(given, LIKELY_SHARE * c.pressed)
+    return press
 
 
 class _Contacts:
@@ -157,6 +191,22 @@ class _Contacts:
         return np.broadcast_to(self.problem.effort, (2, self.n, self.k, m))[:, self.knot, self.contact]
 
     @cached_property
+    def wrench(self) -> np.ndarray:
+        """(A, 6, 4) wrench on the object of each contact's force and torsion over its radius; torques in newtons."""
+        out = np.zeros((self.count, 6, 4))
+        out[:, :3, :3] = np.eye(3)
+        out[:, 3:, :3] = skew(self.arm)
+        out[:, 3:, :3] += (self.spin_torque[:, None] * self.normal)[:, :, None] * self.normal[:, None, :]
+        out[:, 3:, 3] = ((1 - np.abs(self.spin)) * self.problem.torsion_radius)[:, None] * self.normal
+        out[:, 3:] /= TORQUE_LENGTH_M
+        return out
+
+    @cached_property
+    def own_cost(self) -> np.ndarray:
+        """(A, 3, 3) of a contact's squared force: friction costs more than what it is pressed with."""
+        return FRICTION_WEIGHT * np.eye(3) - (FRICTION_WEIGHT - 1) * self.normal[:, :, None] * self.normal[:, None, :]
+
+    @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
         """Two (A, 3) unit tangents of every contact."""
         e = np.eye(3)[np.argmin(np.abs(self.normal), axis=1)]
@@ -165,82 +215,28 @@ class _Contacts:
         return t1, np.cross(self.normal, t1)
 
 
-_Term = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Rows, columns and values of some entries, in arrays of one shape."""
-
-
-@dataclass
-class _ConeProgram:
-    """Minimises (x' P x) / 2 + q' x, with rows A x + s = b and s in a product of cones."""
-
-    terms: list[_Term] = field(default_factory=list)
-    b: list[np.ndarray] = field(default_factory=list)
-    cones: list[Any] = field(default_factory=list)
-    height: int = 0
-
-    def add(self, cones: list[Any], bound: np.ndarray, *terms: _Term) -> None:
-        """Adds rows, one for each element of `bound`; the terms count them from 0."""
-        self.terms += [(r.ravel() + self.height, c.ravel(), v.ravel()) for r, c, v in terms]
-        self.b.append(bound)
-        self.cones += cones
-        self.height += len(bound)
-
-    def add_upper(self, bound: np.ndarray, *terms: _Term) -> None:
-        """Adds rows whose sum may be no larger than the bound."""
-        self.add([clarabel.NonnegativeConeT(len(bound))], bound, *terms)
-
-    def add_equal(self, bound: np.ndarray, *terms: _Term) -> None:
-        """Adds rows whose sum is the bound."""
-        self.add([clarabel.ZeroConeT(len(bound))] if len(bound) else [], bound, *terms)
-
-    def solve(self, P: sparse.csc_matrix, q: np.ndarray, *, knots: int) -> np.ndarray:
-        """The solution x.
-
-        Args:
-            P: upper triangle.
-            q: linear cost.
-            knots: number of them, for the message.
-
-        Raises:
-            Unbalanced: there is none.
-        """
-        rows, columns, values = (np.concatenate(x) for x in zip(*self.terms, strict=True))
-        matrix = sparse.coo_matrix((values, (rows, columns)), shape=(self.height, len(q))).tocsc()
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        solution = clarabel.DefaultSolver(P, q, matrix, np.concatenate(self.b), self.cones, settings).solve()
-        if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-            raise Unbalanced(f"no contact forces balance the object over these {knots} knots ({solution.status})")
-        return np.array(solution.x)
-
-
-def _balance(program: _ConeProgram, c: _Contacts) -> None:
+def _balance(program: ConeProgram, c: _Contacts) -> None:
     """Balance of forces and torques, six rows for every knot that no fixture holds."""
     A = c.count
     place = np.full(c.n, -1)
     place[c.balanced] = np.arange(len(c.balanced))
     on = place[c.knot] >= 0
-    wrench = np.zeros((A, 6, 4))
-    wrench[:, :3, :3] = np.eye(3)
-    wrench[:, 3:, :3] = skew(c.arm) / TORQUE_LENGTH_M
-    wrench[:, 3:, :3] += (c.spin_torque[:, None] * c.normal)[:, :, None] * c.normal[:, None, :] / TORQUE_LENGTH_M
-    wrench[:, 3:, 3] = ((1 - np.abs(c.spin)) * c.problem.torsion_radius)[:, None] * c.normal / TORQUE_LENGTH_M
     columns = np.concatenate([c.force, c.twist[:, None]], axis=1)
     r = (6 * place[c.knot][:, None, None] + np.arange(6)[None, :, None]) + np.zeros((1, 1, 4), int)
     s = np.broadcast_to(columns[:, None, :], (A, 6, 4))
     load = np.zeros((len(c.balanced), 6))
     load[:, :3] = np.broadcast_to(c.problem.force_W, (c.n, 3))[c.balanced]
-    program.add_equal(-load.ravel(), (r[on], s[on], wrench[on]))
+    program.add_equal(-load.ravel(), (r[on], s[on], c.wrench[on]))
 
 
-def _press(program: _ConeProgram, c: _Contacts) -> None:
+def _press(program: ConeProgram, c: _Contacts) -> None:
     """Normal forces are at least the preload less the share short."""
     three = np.broadcast_to(c.rows[:, None], (c.count, 3))
     program.add_upper(-c.pressed, (three, c.force, -c.normal), (c.rows, c.short[c.knot], -c.pressed))
     program.add_upper(np.zeros(c.n), (np.arange(c.n), c.short, -np.ones(c.n)))
 
 
-def _spare_joints(program: _ConeProgram, c: _Contacts) -> None:
+def _spare_joints(program: ConeProgram, c: _Contacts) -> None:
     """Joint torques stay below their efforts, and normal forces below what these allow."""
     A, m = c.count, c.J.shape[2]
     most, least = c.effort
@@ -255,7 +251,7 @@ def _spare_joints(program: _ConeProgram, c: _Contacts) -> None:
     program.add_upper(c.share * np.minimum(bearable, 1e3), (three, c.force, c.normal))
 
 
-def _slide(program: _ConeProgram, c: _Contacts) -> None:
+def _slide(program: ConeProgram, c: _Contacts) -> None:
     """Where contacts slide, friction is where it drags the object, and there is no torsion."""
     S = len(c.slides)
     if not S:
@@ -268,7 +264,7 @@ def _slide(program: _ConeProgram, c: _Contacts) -> None:
     program.add_equal(np.zeros(S), (np.arange(S), c.twist[c.slides], np.ones(S)))
 
 
-def _stay_in_cones(program: _ConeProgram, c: _Contacts) -> None:
+def _stay_in_cones(program: ConeProgram, c: _Contacts) -> None:
     """Friction cones with torsion: (friction N, t1 f, t2 f, torsion / radius) in the second-order cone."""
     A, (t1, t2) = c.count, c.tangents
     limit = c.friction.copy()
@@ -292,16 +288,17 @@ def _cost(c: _Contacts) -> tuple[sparse.csc_matrix, np.ndarray]:
     pairs = (index[:-1] >= 0) & (index[1:] >= 0)
     before, after = c.force[index[:-1][pairs]].ravel(), c.force[index[1:][pairs]].ravel()
     diagonal = np.zeros(c.size)
-    diagonal[c.twist] = 2.0
+    diagonal[c.twist] = TORSION_WEIGHT
     np.add.at(diagonal, before, SMOOTHNESS_WEIGHT)
     np.add.at(diagonal, after, SMOOTHNESS_WEIGHT)
     weight = np.where(c.drag.any(axis=1), SLIDING_WEIGHT, 1.0)
     upper = np.triu(np.ones((3, 3), bool))
-    own = FRICTION_WEIGHT * np.eye(3) - (FRICTION_WEIGHT - 1) * c.normal[:, :, None] * c.normal[:, None, :]
     rows, columns = np.repeat(c.force[:, :, None], 3, axis=2), np.repeat(c.force[:, None, :], 3, axis=1)
     P = sparse.diags(diagonal) + sparse.coo_matrix(
         (
-            np.concatenate([np.full(len(before), -SMOOTHNESS_WEIGHT), (weight[:, None, None] * own)[:, upper].ravel()]),
+            np.concatenate(
+                [np.full(len(before), -SMOOTHNESS_WEIGHT), (weight[:, None, None] * c.own_cost)[:, upper].ravel()]
+            ),
             (np.concatenate([before, rows[:, upper].ravel()]), np.concatenate([after, columns[:, upper].ravel()])),
         ),
         shape=(c.size, c.size),

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 import msgspec
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.plan import Contact, Part
+from drake_hand.plans.trajectory import quaternions, right_product
 
 _PLAN_DECIMALS = 10
 
@@ -28,10 +28,11 @@ def in_order(parts: Sequence[Part], order: Sequence[tuple[int, np.ndarray]]) -> 
         order: as `Path.order`.
     """
     arrays = {i: _Arrays(parts[i]) for i in {i for i, _ in order}}
+    turns = np.array([R_OO for _, R_OO in order])
     out: list[Part] = []
     with _kept_from_collecting():
-        for i, R_OO in order:
-            out.append(arrays[i].turned(parts[i], R_OO, out[-1] if out else None))
+        for (i, _), R_OO, turn in zip(order, turns, quaternions(turns), strict=True):
+            out.append(arrays[i].turned(parts[i], R_OO, turn, out[-1] if out else None))
     return out
 
 
@@ -55,10 +56,9 @@ class _Arrays:
         self.X, self.V = np.array(part.X_WO), np.array(part.V_WO)
         self.p_OP = {f: np.array(c.p_OP) for f, c in part.contacts.items()}
 
-    def turned(self, part: Part, R_OO: np.ndarray, before: Part | None) -> Part:
-        """The part as it follows on another one; its own lists are shared with it."""
-        w, x, y, z = Rotation.from_matrix(R_OO).as_quat(scalar_first=True)
-        times = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    def turned(self, part: Part, R_OO: np.ndarray, turn: np.ndarray, before: Part | None) -> Part:
+        """The part as it follows on another one, the object turned on by R_OO; its lists are shared with it."""
+        times = right_product(turn)
         X, V = self.X.copy(), self.V.copy()
         if before is not None and self.X[0, :4] @ times @ before.X_WO[-1][:4] < 0:
             times = -times

@@ -14,8 +14,9 @@ import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, skew
 from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, turns
+from drake_hand.contact.cone_program import Unbalanced
 from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.contact.forces import ForceProblem, Unbalanced, balance_forces
+from drake_hand.contact.forces import ForceProblem, balance_forces, likely_press
 from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm, twisted
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
@@ -121,6 +122,8 @@ def add_forces(
     more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding, on_table)
+    pressed = likely_press(contacts, problem)
+    problem = replace(problem, spin_arm=_arms(hand, holding, pressed, bend, SPARE_FRICTION_SHARE))
     solved: dict[bytes, np.ndarray] = {}
     for _ in range(TORSION_PASSES):
         try:

@@ -37,8 +37,9 @@ def find_paths(task: Task, *, progress: Callable[[Progress], None] | None = None
     # A task written in Python may hold integers where a file has floats; a plan must read back as it was.
     task = msgspec.convert(msgspec.to_builtins(task), Task)
     task.validate()
-    _check_names(task, Hand.load(task.hand))
-    yield from Run(problem=Problem.of(task, progress or (lambda p: None))).paths()
+    hand = Hand.load(task.hand)
+    _check_names(task, hand)
+    yield from Run(problem=Problem.of(task, hand, progress or (lambda p: None))).paths()
 
 
 def _check_names(task: Task, hand: Hand) -> None:

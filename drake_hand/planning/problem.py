@@ -56,10 +56,10 @@ class Problem:
     expansions: int = 0
 
     @classmethod
-    def of(cls, task: Task, progress: Callable[[Progress], None]) -> Problem:
-        """Loads the models; the clock starts."""
+    def of(cls, task: Task, hand: Hand, progress: Callable[[Progress], None]) -> Problem:
+        """Loads the object and puts it beside the task's hand; the clock starts."""
         started = time.monotonic()
-        hand, object_ = Hand.load(task.hand), Object.load(task.object)
+        object_ = Object.load(task.object)
         scene = Scene(hand, object_, object_mass=task.physics.object_mass_kg)
         clearance = Clearance(scene, task.table)
         check_start(task, clearance)

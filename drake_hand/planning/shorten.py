@@ -18,6 +18,9 @@ from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import rolled
 from drake_hand.planning.switches import direct_switch
 
+_SAME_DECIMALS = 9
+"""To which joints are the same, rad."""
+
 
 def shortened(moves: Moves, end: Node) -> Node:
     """The end of the same motion with fewer regrasps: the first that can be left out is, then the next.
@@ -52,7 +55,9 @@ def _postures(chain: list[Node], i: int) -> bytes:
     """Those from before a regrasp to the finger's next switch: in a gait the same ones come again, to the same end."""
     finger = chain[i].move.finger  # type: ignore[union-attr]
     own = [j for j in range(i + 1, len(chain)) if getattr(chain[j].move, "finger", None) == finger]
-    return b"".join(x.q.tobytes() for x in chain[i - 1 : (own or [len(chain) - 1])[0] + 1])
+    until = (own or [len(chain) - 1])[0]
+    # a finger that was carried on through other poses comes to the same joints but for the last digit
+    return b"".join((np.round(x.q, _SAME_DECIMALS) + 0.0).tobytes() for x in chain[i - 1 : until + 1])
 
 
 def _without(moves: Moves, chain: list[Node], i: int) -> list[Node] | None:

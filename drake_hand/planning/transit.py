@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from drake_hand.contact.chain import solve_least_squares
+from drake_hand.contact.chain import cross, solve_least_squares
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.kernels.transit import LIFT_JUMP_RAD, LIFT_KNOTS
 
@@ -67,9 +67,9 @@ class Surroundings:
 def leaning(n_W: np.ndarray) -> np.ndarray:
     """(1 + LEANS, 3) unit directions off a contact: its normal (3,), and those that lean from it to each side."""
     angle = np.linspace(0, 2 * np.pi, LEANS, endpoint=False)
-    across = np.cross(n_W, np.eye(3)[np.argmin(np.abs(n_W))])
+    across = cross(n_W, np.eye(3)[np.argmin(np.abs(n_W))])
     across /= np.linalg.norm(across)
-    aside = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), np.cross(n_W, across))
+    aside = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), cross(n_W, across))
     return np.vstack([n_W, np.cos(LEAN_RAD) * n_W + np.sin(LEAN_RAD) * aside])
 
 

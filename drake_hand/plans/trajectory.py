@@ -163,10 +163,17 @@ def quaternions(R: np.ndarray) -> np.ndarray:
     """(k, 4) unit quaternions w x y z of (k, 3, 3) rotations, each in the hemisphere of the one before."""
     from scipy.spatial.transform import Rotation
 
-    quat = np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=1)
+    # that they are rotations is not asked again, which would take ten times as long
+    quat = Rotation.from_matrix(R, assume_valid=True).as_quat(scalar_first=True)
     flips = np.sum(quat[1:] * quat[:-1], axis=1) < 0
     quat[1:][np.cumsum(flips) % 2 == 1] *= -1
     return quat
+
+
+def right_product(quaternion: np.ndarray) -> np.ndarray:
+    """(4, 4) with which rows, quaternions w x y z or their rates, are multiplied by one from the right."""
+    w, x, y, z = quaternion
+    return np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
 
 
 def turned_about(R_WO: np.ndarray, axis_W: np.ndarray) -> np.ndarray:

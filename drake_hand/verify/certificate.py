@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from drake_hand.errors import InputError
 from drake_hand.model.hand import Hand
@@ -68,29 +71,42 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     Raises:
         InputError: the plan is malformed, or was made for another hand or object than the one found.
     """
+    arrays = plan.validate()
     scene = scene_of(plan, scene)
     assert scene.object is not None
-    once = distinct(plan, scene.object)
-    trajectory, found, findings = Trajectory(once.plan), Findings(), Findings()
-    check_joints(trajectory, scene.hand, found)
+    once = distinct(plan, arrays, scene.object)
+    trajectory, findings = Trajectory(once.plan), Findings()
     seen = observe(trajectory, scene, progress)
-    check_contacts(seen, once.plan, found)
-    check_predicates(seen, once.plan, scene, found)
     check_modes(plan, findings)
     motion = once.whole(seen.states)
     stages = check_goal(plan.task, motion, findings)
     check_corridor(plan.task, motion, stages, findings)
-    check_hold(seen, once.plan, scene, stages, found)
-    check_command(seen, once.plan, scene, found)
-    findings.take(found, once.source, once.later[once.source])
+    checks = (
+        partial(check_joints, trajectory, scene.hand),
+        partial(check_contacts, seen, once.plan),
+        partial(check_predicates, seen, once.plan, scene),  # the only one that moves the scene
+        partial(check_hold, seen, once.plan, scene, stages),
+        partial(check_command, seen, once.plan, scene),
+    )
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        hashed = pool.submit(lambda: plan.hash)
+        for found in pool.map(_findings, checks):
+            findings.take(found, once.source, once.later[once.source])
     return Certificate(
         certified=not findings.failures,
         samples=len(seen.states.t),
         worst=findings.worst,
         failures=findings.failures,
-        plan_hash=plan.hash,
-        apart_mm=[max(0.0, found.apart_mm[i]) for i in once.like.tolist()],
+        plan_hash=hashed.result(),
+        apart_mm=[max(0.0, findings.apart_mm[i]) for i in once.source[once.like].tolist()],
     ).sealed()
+
+
+def _findings(check: Callable[[Findings], None]) -> Findings:
+    """What a check finds."""
+    found = Findings()
+    check(found)
+    return found
 
 
 def predicates_along(plan: Plan, scene: Scene, *, progress: Callable[[float], None] | None = None) -> list[Judgement]:
@@ -110,7 +126,6 @@ def scene_of(plan: Plan, scene: Scene | None = None) -> Scene:
     Raises:
         InputError: as `certify`.
     """
-    plan.validate()
     hand = scene.hand if scene else Hand.load(plan.task.hand)
     object_ = Object.load(plan.task.object)
     check_models(plan, hand, object_)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import Corridor, Task
+from drake_hand.plans.trajectory import quaternions, right_product
 from drake_hand.verify.findings import TOLERANCES, Findings
 from drake_hand.verify.goal import MOVES, ObjectSamples, StepSpan, angles
 
@@ -25,17 +25,20 @@ def check_corridor(task: Task, motion: ObjectSamples, stages: list[StepSpan], fi
     ways = [s for s in stages if s.step.kind in MOVES] or stages[:1]
     for i, way in enumerate(ways):
         rows = slice(way.first, way.last + 1 if i + 1 < len(ways) else len(motion.t))
-        shift, turn = beside(motion.X_WO[rows], way, mm / 1000, np.radians(deg))
+        shift, turn = beside(motion.q_WO[rows], motion.p_WO[rows], way, mm / 1000, np.radians(deg))
         t, part = motion.t[rows], motion.part[rows]
         findings.add("corridor_mm", shift * 1000, t, part, [way.name], limit=mm)
         findings.add("corridor_deg", np.degrees(turn), t, part, [way.name], limit=deg)
 
 
-def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far poses X_WO (k, 4, 4) are off a path.
+def beside(
+    q_WO: np.ndarray, p_WO: np.ndarray, way: StepSpan, length: float, angle: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far poses are off a path.
 
     Args:
-        X_WO: in the order of time, the first at the beginning of the path.
+        q_WO: (k, 4) orientations in the order of time, the first at the beginning of the path.
+        p_WO: (k, 3) positions, m.
         way: the samples of the step it belongs to.
         length: in m, and ...
         angle: ... in rad, what counts as equally far.
@@ -43,27 +46,42 @@ def beside(X_WO: np.ndarray, way: StepSpan, length: float, angle: float) -> tupl
     Returns:
         (k,) distance of O's origin, m, and (k,) angle of rotation, rad.
     """
-    R, p = X_WO[:, :3, :3] @ way.X_from[:3, :3].T, X_WO[:, :3, 3]
     total = float(np.linalg.norm(way.turn))
     round_a_point = way.step.rotate is not None
     along = np.zeros(3) if round_a_point else way.goal[:3, 3] - way.X_from[:3, 3]
-    weight, progress = np.zeros(2), np.zeros((2, len(p)))
+    weight, progress = np.zeros(2), np.zeros((2, len(p_WO)))
     if total > 0:
-        quat = Rotation.from_matrix(R).as_quat()
-        twist = 2 * np.arctan2(quat[:, :3] @ way.turn / total, quat[:, 3])
+        turned = q_WO @ right_product(_from(way) * [1, -1, -1, -1])
+        twist = 2 * np.arctan2(turned[:, 1:] @ way.turn / total, turned[:, 0])
         weight[0], progress[0] = (total / angle) ** 2, np.unwrap(twist) / total
     if along.any():
         weight[1] = along @ along / length**2
-        progress[1] = (p - way.X_from[:3, 3]) @ along / (along @ along)
+        progress[1] = (p_WO - way.X_from[:3, 3]) @ along / (along @ along)
     u = weight @ progress / max(weight.sum(), 1e-300)
     if round_a_point and total > 0 and np.linalg.norm(np.cross(way.turn, way.X_from[:3, 3] - way.about)) > 1e-3 * total:
-        u = _nearest(u, R, p, way, length, angle)
-    u = _onward(np.clip(u, 0.0, 1.0))
-    R_way = Rotation.from_rotvec(u[:, None] * way.turn)
-    p_way = way.X_from[:3, 3] + u[:, None] * along
-    if round_a_point:
-        p_way = way.about + R_way.apply(way.X_from[:3, 3] - way.about)
-    return np.linalg.norm(p - p_way, axis=1), angles(R, R_way.as_matrix())
+        u = _nearest(u, q_WO, p_WO, way, length, angle)
+    return _off(q_WO, p_WO, way, _onward(np.clip(u, 0.0, 1.0)))
+
+
+def _from(way: StepSpan) -> np.ndarray:
+    """(4,) orientation with which a way begins."""
+    return quaternions(way.X_from[None, :3, :3])[0]
+
+
+def _off(q_WO: np.ndarray, p_WO: np.ndarray, way: StepSpan, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance, m, and angle, rad, of poses from those of a way that have come a share u (k,) of it."""
+    total = float(np.linalg.norm(way.turn))
+    axis = way.turn / max(total, 1e-300)
+    half = u * total / 2
+    turn = np.column_stack([np.cos(half), np.outer(np.sin(half), axis)])
+    shift = p_WO - way.X_from[:3, 3]
+    if way.step.rotate is None:
+        shift = shift - np.outer(u, way.goal[:3, 3] - way.X_from[:3, 3])
+    else:
+        arm = way.X_from[:3, 3] - way.about
+        out = arm - axis * (axis @ arm)  # turns about the axis; Rodrigues
+        shift = shift + np.outer(1 - np.cos(2 * half), out) - np.outer(np.sin(2 * half), np.cross(axis, arm))
+    return np.linalg.norm(shift, axis=1), angles(q_WO, turn @ right_product(_from(way)))
 
 
 def _onward(u: np.ndarray) -> np.ndarray:
@@ -71,13 +89,14 @@ def _onward(u: np.ndarray) -> np.ndarray:
     return (np.maximum.accumulate(u) + np.minimum.accumulate(u[::-1])[::-1]) / 2
 
 
-def _nearest(u: np.ndarray, R: np.ndarray, p: np.ndarray, way: StepSpan, length: float, angle: float) -> np.ndarray:
+def _nearest(
+    u: np.ndarray, q_WO: np.ndarray, p_WO: np.ndarray, way: StepSpan, length: float, angle: float
+) -> np.ndarray:
     """(k,) progress around a point beside the object, where position and rotation both count, near that in angle u."""
     best, least = u, np.full(len(u), np.inf)
     for step in np.linspace(-angle, angle, 121) / float(np.linalg.norm(way.turn)):
         tried = np.clip(u + step, 0.0, 1.0)
-        R_way = Rotation.from_rotvec(tried[:, None] * way.turn)
-        shift = np.linalg.norm(p - way.about - R_way.apply(way.X_from[:3, 3] - way.about), axis=1)
-        far = np.maximum(shift / length, angles(R, R_way.as_matrix()) / angle)
+        shift, turned = _off(q_WO, p_WO, way, tried)
+        far = np.maximum(shift / length, turned / angle)
         best, least = np.where(far < least, tried, best), np.minimum(far, least)
     return best

@@ -79,11 +79,16 @@ class Findings:
                 part = int(source[w.part])
                 w = msgspec.structs.replace(w, part=part, time_s=round(w.time_s + float(later[w.part]), 6))
             self._keep(name, w)
+        for part, gap in others.apart_mm.items():
+            self._keep_apart(int(source[part]), gap)
 
     def keep_apart(self, gap_mm: np.ndarray, part: np.ndarray) -> None:
         """Keeps the least of gaps (k,) for each part (k,)."""
         for i in np.unique(part).tolist():
-            self.apart_mm[i] = min(self.apart_mm.get(i, np.inf), float(gap_mm[part == i].min()))
+            self._keep_apart(i, float(gap_mm[part == i].min()))
+
+    def _keep_apart(self, part: int, gap_mm: float) -> None:
+        self.apart_mm[part] = min(self.apart_mm.get(part, np.inf), gap_mm)
 
     @property
     def failures(self) -> list[str]:

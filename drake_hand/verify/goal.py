@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import MoveTo, Pose, Step, Task
 from drake_hand.plans.tolerances import TOLERANCES
-from drake_hand.plans.trajectory import States
+from drake_hand.plans.trajectory import States, quaternions, rotations
 from drake_hand.verify.findings import Findings
 
 MOVES = ("rotate", "translate", "move_to", "push")
@@ -25,15 +25,25 @@ class ObjectSamples:
     """(k,) s."""
     part: np.ndarray
     """(k,) index of the part."""
-    X_WO: np.ndarray
-    """(k, 4, 4)."""
+    q_WO: np.ndarray
+    """(k, 4) orientation as unit quaternion w x y z."""
+    p_WO: np.ndarray
+    """(k, 3) position, m."""
     w_WO: np.ndarray
     """(k, 3) angular velocity, rad/s."""
 
     @classmethod
     def of(cls, states: States) -> ObjectSamples:
         """That of samples."""
-        return cls(t=states.t, part=states.part, X_WO=states.X_WO, w_WO=states.V_WO[:, :3])
+        X_WO, w_WO = states.X_WO, states.V_WO[:, :3]
+        return cls(t=states.t, part=states.part, q_WO=quaternions(X_WO[:, :3, :3]), p_WO=X_WO[:, :3, 3], w_WO=w_WO)
+
+    @property
+    def first_pose(self) -> np.ndarray:
+        """(4, 4) X_WO of the first sample."""
+        X = np.eye(4)
+        X[:3, :3], X[:3, 3] = rotations(self.q_WO[:1])[0], self.p_WO[0]
+        return X
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,13 +86,14 @@ def check_goal(task: Task, motion: ObjectSamples, findings: Findings) -> list[St
     Returns:
         The stages, for all steps.
     """
-    X_WO = motion.X_WO
+    count = len(motion.t)
     if isinstance(task.start, Pose):
-        _report(findings, motion, 0, _errors(X_WO[:1], pose_matrix(task.start))[:, 0], ["start", "start"])
+        errors = _errors(motion, slice(0, 1), pose_matrix(task.start))
+        _report(findings, motion, 0, errors[:, 0], ["start", "start"])
     # turned vector: time integral of the angular velocity
     w, dt = motion.w_WO, np.diff(motion.t)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum((w[1:] + w[:-1]) / 2 * dt, axis=0)])
-    X, first, stages, met = X_WO[0], 0, [], True
+    X, first, stages, met = motion.first_pose, 0, [], True
     moving = [i for i, s in enumerate(task.motion) if s.kind in MOVES]
     for i, step in enumerate(task.motion):
         name = f"step {i + 1}, {step.kind}"
@@ -91,33 +102,34 @@ def check_goal(task: Task, motion: ObjectSamples, findings: Findings) -> list[St
             stages.append(StepSpan(step=step, name=name, first=first, last=first, **still))
             continue
         goal, axis, angle = step_goal(step, X)
-        position_mm, rotation_deg = _errors(X_WO[first:], goal)
+        looked = count - 1 if i == moving[-1] else first
+        position_mm, rotation_deg = _errors(motion, slice(looked, count), goal)
         if axis is None:
             way = 1000 * (goal[:3, 3] - X[:3, 3])
             whole = float(np.linalg.norm(way))
-            along = 1000 * (X_WO[first:, :3, 3] - X[:3, 3]) @ way / max(whole, 1e-9)
+            along = 1000 * (motion.p_WO[looked:] - X[:3, 3]) @ way / max(whole, 1e-9)
         else:
             whole = float(np.degrees(angle))
-            along = np.degrees((turned[first:] - turned[first]) @ axis)
+            along = np.degrees((turned[looked:] - turned[first]) @ axis)
             # Beside its nominal path the object does not turn about the axis alone: whole turns are what winding tells.
             rotation_deg = np.where(np.abs(along - whole) < 180, rotation_deg, np.abs(along - whole))
         error = np.maximum(position_mm / TOLERANCES["goal_position_mm"], rotation_deg / TOLERANCES["goal_rotation_deg"])
-        at = len(error) - 1 if i == moving[-1] else _first_closest(error)
+        at = _first_closest(error)
         if met:
             met = bool(error[at] <= 1)
             names = [name, name]
             if not met and abs(whole) > TOLERANCES["goal_position_mm"]:
                 verb, unit = ("moved", "mm") if axis is None else ("turned", "deg")
                 names[axis is not None] += f": {verb} {along[at]:.3g} of {whole:.4g} {unit}"
-            _report(findings, motion, first + at, np.array([position_mm[at], rotation_deg[at]]), names)
+            _report(findings, motion, looked + at, np.array([position_mm[at], rotation_deg[at]]), names)
         turn = Rotation.from_matrix(goal[:3, :3] @ X[:3, :3].T).as_rotvec() if axis is None else angle * axis
         about = X[:3, 3]
         if step.rotate and step.rotate.about_mm:
             about = np.array(step.rotate.about_mm) / 1000
         stages.append(
-            StepSpan(step=step, name=name, first=first, last=first + at, X_from=X, goal=goal, turn=turn, about=about)
+            StepSpan(step=step, name=name, first=first, last=looked + at, X_from=X, goal=goal, turn=turn, about=about)
         )
-        X, first = goal, first + at
+        X, first = goal, looked + at
     return stages
 
 
@@ -144,16 +156,16 @@ def step_goal(step: Step, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None,
     return goal, axis, float(angle)
 
 
-def _errors(X: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """(2, k) distance in mm and angle in degrees between poses and a goal."""
-    angle = angles(X[:, :3, :3], goal[:3, :3])
-    return np.stack([np.linalg.norm(X[:, :3, 3] - goal[:3, 3], axis=1) * 1000, np.degrees(angle)])
+def _errors(motion: ObjectSamples, rows: slice, goal: np.ndarray) -> np.ndarray:
+    """(2, k) distance in mm and angle in degrees between some samples' poses and a goal (4, 4)."""
+    angle = angles(motion.q_WO[rows], quaternions(goal[None, :3, :3]))
+    return np.stack([np.linalg.norm(motion.p_WO[rows] - goal[:3, 3], axis=1) * 1000, np.degrees(angle)])
 
 
-def angles(R: np.ndarray, R_from: np.ndarray) -> np.ndarray:
-    """(k,) angles between orientations (k, 3, 3) and others, rad."""
-    chord = np.linalg.norm((R - R_from).reshape(-1, 9), axis=1)
-    return 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
+def angles(q: np.ndarray, q_from: np.ndarray) -> np.ndarray:
+    """(k,) angles between orientations, unit quaternions (k, 4), and others, rad; exact where they hardly differ."""
+    squares = [np.einsum("ki,ki->k", off, off) for off in (q - q_from, q + q_from)]
+    return 4 * np.arcsin(np.sqrt(np.minimum(*squares)) / 2)
 
 
 def _first_closest(error: np.ndarray) -> int:

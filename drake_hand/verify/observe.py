@@ -26,8 +26,8 @@ NEAR_M = 2e-3
 """m; clearances beyond this are not looked at ..."""
 APART_M = 5e-3
 """... but those of the hand's bodies from one another, beyond this."""
-CHUNK_SAMPLES = 2048
-"""Samples looked at together, on one core."""
+CHUNK_SAMPLES = 1024
+"""Samples looked at together, on one core; with more, the cores wait for each other to get memory."""
 
 
 @dataclass(frozen=True, kw_only=True)

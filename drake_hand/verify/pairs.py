@@ -166,11 +166,13 @@ class Clearances:
         apart = [self._apart] * len(best)
         low, alike = np.concatenate(self._low), np.concatenate(self._alike)
         moved = _moved(travel)
-        pairs = np.unique(low[:, 1])
+        pairs, part_of = np.unique(low[:, 1]), states.part[low[:, 0].astype(int)]
         for pair in sorted(pairs.astype(int).tolist(), key=lambda pair: low[low[:, 1] == pair, 2].min()):
             a, b = self._shapes.body[self._shapes.pairs[pair]]
             gone, known, part = moved[:, a] + moved[:, b], -np.inf, -1
-            for i in np.flatnonzero(low[:, 1] == pair).tolist():
+            least = np.array(apart if self._of_hand[pair] else [found[0] for found in best])
+            open_ = np.flatnonzero((low[:, 1] == pair) & (low[:, 2] < least[part_of] - _SAME_M))
+            for i in open_.tolist():
                 row = int(low[i, 0])
                 bound = max(low[i, 2], known - gone[row] if states.part[row] == part else -np.inf)
                 if bound >= (apart[states.part[row]] if self._of_hand[pair] else best[states.part[row]][0]) - _SAME_M:

@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.model.geometry import Geometry
 from drake_hand.model.object import Object
+from drake_hand.plans.arrays import PartArrays
 from drake_hand.plans.plan import Contact, Part, Plan
 from drake_hand.plans.recurring import longest_run
-from drake_hand.plans.trajectory import States
+from drake_hand.plans.trajectory import States, quaternions, right_product, rotations
 from drake_hand.verify.goal import ObjectSamples
 
 _SAME_TOLERANCE = 5e-10
@@ -51,27 +52,34 @@ class Distinct:
         Args:
             states: samples of `plan`, in order.
         """
+        once = ObjectSamples.of(states)
         if len(self.source) == len(self.like):
-            return ObjectSamples.of(states)
+            return once
         bounds = np.searchsorted(states.part, np.arange(len(self.source) + 1))
-        rows = [np.arange(bounds[i], bounds[i + 1]) for i in self.like]
-        part, at = np.repeat(np.arange(len(rows)), [len(r) for r in rows]), np.concatenate(rows)
-        X_WO = states.X_WO[at]
-        X_WO[:, :3, :3] = X_WO[:, :3, :3] @ self.turned[part]
-        return ObjectSamples(t=states.t[at] + self.later[part], part=part, X_WO=X_WO, w_WO=states.V_WO[at, :3])
+        rows = [slice(bounds[i], bounds[i + 1]) for i in self.like]
+        part = np.repeat(np.arange(len(rows)), np.diff(bounds)[self.like])
+        t, p_WO, w_WO = (np.concatenate([x[some] for some in rows]) for x in (once.t, once.p_WO, once.w_WO))
+        turned = map(right_product, quaternions(self.turned))
+        q_WO = np.concatenate([once.q_WO[some] @ turn for some, turn in zip(rows, turned, strict=True)])
+        return ObjectSamples(t=t + self.later[part], part=part, q_WO=q_WO, p_WO=p_WO, w_WO=w_WO)
 
 
-def distinct(plan: Plan, object_: Object) -> Distinct:
+def distinct(plan: Plan, arrays: Sequence[PartArrays], object_: Object) -> Distinct:
     """The plan without what recurs in it.
 
     Left out are whole periods of parts, each like the one a period before to the last decimals of the file, with the
     object turned on to where it looks the same. In a period every finger that touches lets go, so no contact lasts
     longer in the whole plan than in what is left. Plans that push or slide are left as they are.
+
+    Args:
+        plan: the plan.
+        arrays: of its parts.
+        object_: its object.
     """
     N = len(plan.parts)
     kept, like = list(range(N)), np.arange(N)
     if not any(step.push or step.slide for step in plan.task.motion):
-        label = _labels(plan.parts, object_)
+        label = _labels(plan.parts, arrays, object_)
         modes = np.array([[c != "0" for c in part.mode] for part in plan.parts])
         while found := longest_run(label[kept], usable=lambda some: _all_let_go(modes[kept[some]])):
             first, period, times = found
@@ -131,7 +139,7 @@ def _coincide(a: np.ndarray, b: np.ndarray) -> bool:
     return len(a) == len(b) and bool(max(cKDTree(b).query(a)[0].max(), cKDTree(a).query(b)[0].max()) < _SAME_SHAPE_M)
 
 
-def _labels(parts: list[Part], object_: Object) -> np.ndarray:
+def _labels(parts: list[Part], arrays: Sequence[PartArrays], object_: Object) -> np.ndarray:
     """(N,) the first part that each part is like: itself, if none before it is."""
     known: dict[tuple, list[tuple[int, _Values]]] = defaultdict(list)
     same: dict[bytes, bool] = {}
@@ -143,8 +151,8 @@ def _labels(parts: list[Part], object_: Object) -> np.ndarray:
             same[key] = looks_the_same(object_, R)
         return same[key]
 
-    for i, part in enumerate(parts):
-        values = _Values(part)
+    for i, (part, numbers) in enumerate(zip(parts, arrays, strict=True)):
+        values = _Values(numbers)
         others = known[part.mode, tuple(part.events), len(part.t), tuple(part.contacts)]
         for j, other in others:
             if values.like(other, symmetric):
@@ -158,31 +166,34 @@ def _labels(parts: list[Part], object_: Object) -> np.ndarray:
 class _Values:
     """The numbers of a part."""
 
-    def __init__(self, part: Part) -> None:
-        contacts = part.contacts.values()
-        forces = [c.f_W for c in contacts if c.f_W is not None]
+    def __init__(self, part: PartArrays) -> None:
         self.first = np.array([part.t[-1] - part.t[0], *part.q[0], *part.q[-1]])
         """A few of them, which mostly tell already."""
-        offset = [] if part.q_offset is None else [np.array(part.q_offset)]
-        position = [np.array(part.X_WO)[:, 4:], np.array(part.V_WO)[:, 4:]]
-        own = [(np.array(part.t) - part.t[0])[:, None], np.array(part.q), np.array(part.v), *map(np.array, forces)]
-        self.in_world = np.hstack([*own, *offset, *position])
-        self.loads = len(forces), len(offset)
-        self.quaternion = np.hstack([np.array(part.X_WO)[:, :4], np.array(part.V_WO)[:, :4]]).reshape(-1, 4)
-        self.points_O = np.array([c.p_OP for c in contacts]).reshape(-1, 3)
+        loads = [] if part.q_offset is None else [part.q_offset]
+        self.in_world = [part.t - part.t[0], part.q, part.v, part.X_WO[:, 4:], part.V_WO[:, 4:]]
+        self.in_world += [*loads, *part.f_W.values()]
+        self.loads = len(loads), tuple(part.f_W)
+        self.quaternion = np.concatenate([part.X_WO[:, :4], part.V_WO[:, :4]])
+        self.points_O = np.concatenate([*part.p_OP.values(), np.zeros((0, 3))])
 
     def like(self, other: _Values, symmetric: Callable[[np.ndarray], bool]) -> bool:
         """Whether they are the same as another's, but for a turn of an object that looks the same after it."""
-        if self.loads != other.loads or np.abs(self.first - other.first).max() > _SAME_TOLERANCE:
+        if self.loads != other.loads or not _same(self.first, other.first):
             return False
         turn = _relative(other.quaternion[0], self.quaternion[0])
-        turned = other.quaternion @ _right(turn)
-        off = min(np.abs(self.quaternion - turned).max(), np.abs(self.quaternion + turned).max())
-        if off > _SAME_TOLERANCE or np.abs(self.in_world - other.in_world).max() > _SAME_TOLERANCE:
+        turned = other.quaternion @ right_product(turn)
+        if not (_same(self.quaternion, turned) or _same(self.quaternion, -turned)):
             return False
         R = _matrix(turn)
-        points = np.abs(self.points_O @ R.T - other.points_O)
-        return bool(points.max(initial=0.0) <= _SAME_TOLERANCE) and symmetric(R)
+        return (
+            all(map(_same, self.in_world, other.in_world))
+            and _same(self.points_O @ R.T, other.points_O)
+            and symmetric(R)
+        )
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    return a is b or bool(np.abs(a - b).max(initial=0.0) <= _SAME_TOLERANCE)
 
 
 def _all_let_go(touching: np.ndarray) -> bool:
@@ -193,7 +204,7 @@ def _all_let_go(touching: np.ndarray) -> bool:
 def _turned_back(part: Part, R: np.ndarray, begin: float) -> Part:
     """The part from another time on, its O another, in which the part's has orientation R."""
     contacts = {f: Contact(p_OP=(np.array(c.p_OP) @ R.T).tolist(), f_W=c.f_W) for f, c in part.contacts.items()}
-    back = _right(Rotation.from_matrix(R.T).as_quat(scalar_first=True))
+    back = right_product(Rotation.from_matrix(R.T).as_quat(scalar_first=True))
     X, V = np.array(part.X_WO), np.array(part.V_WO)
     X[:, :4], V[:, :4] = X[:, :4] @ back, V[:, :4] @ back
     t = (np.array(part.t) - part.t[0] + begin).tolist()
@@ -202,15 +213,9 @@ def _turned_back(part: Part, R: np.ndarray, begin: float) -> Part:
 
 def _relative(a: Sequence[float], b: Sequence[float]) -> np.ndarray:
     """(4,) quaternion w x y z that leads from that with which `a` begins to that of `b`."""
-    return np.array([a[0], -a[1], -a[2], -a[3]]) @ _right(np.array(b[:4]))
+    return np.array([a[0], -a[1], -a[2], -a[3]]) @ right_product(np.array(b[:4]))
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:
     """(3, 3) of a quaternion w x y z."""
-    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-
-
-def _right(quaternion: np.ndarray) -> np.ndarray:
-    """(4, 4) with which rows, quaternions w x y z or their rates, are multiplied by one from the right."""
-    w, x, y, z = quaternion
-    return np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    return rotations(quaternion[None])[0]

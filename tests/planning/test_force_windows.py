@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drake_hand.contact.cone_program import Unbalanced
 from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.contact.forces import ForceProblem, Unbalanced, balance_forces
+from drake_hand.contact.forces import ForceProblem, balance_forces
 from drake_hand.planning import force_windows
 
 LEG = 12

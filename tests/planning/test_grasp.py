@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.object_path import pose, still
@@ -112,7 +113,7 @@ def test_what_grasps_collide_with_is_named():
         motion=[Step(grasp=Grasp())],
         options=Options(hold="kinematic"),
     )
-    problem = Problem.of(task, lambda _: None)
+    problem = Problem.of(task, Hand.load(task.hand), lambda _: None)
     hand, X_WO = problem.hand, np.eye(4)
     finger = hand.finger("ring")
     problem.scene.set(hand.q_home)

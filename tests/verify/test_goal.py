@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.task import Corridor, Grasp, MoveTo, Options, Pose, Release, Rotate, Step, Task, Translate
+from drake_hand.plans.trajectory import quaternions
 from drake_hand.verify.corridor import check_corridor
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import ObjectSamples, check_goal, pose_matrix
@@ -29,7 +30,8 @@ def moving(*pieces, start=((0, 0, 100), (0, 0, 0))):
     return ObjectSamples(
         t=np.arange(len(poses)) * 1e-3,
         part=np.zeros(len(poses), dtype=int),
-        X_WO=np.array(poses),
+        q_WO=quaternions(np.array(poses)[:, :3, :3]),
+        p_WO=np.array(poses)[:, :3, 3],
         w_WO=np.array(twists)[:, :3],
     )
 
