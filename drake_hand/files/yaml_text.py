@@ -14,7 +14,7 @@ MOST_VALUES = 1_000_000
 """A text whose anchors unfold to more than this is refused."""
 
 
-class _Loader(yaml.CSafeLoader):
+class _Loader(yaml.SafeLoader):
     """YAML 1.1 safe loader that refuses keys given twice, and lists and mappings as keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
@@ -55,7 +55,7 @@ def parse_yaml(text: str) -> Any:
 
 def line_of(text: str, key: str) -> int | None:
     """The line, counted from 1, of a key such as ``motion[0].rotate``; of the part of it that is there, if any."""
-    node, line = yaml.compose(text, yaml.CSafeLoader), None
+    node, line = yaml.compose(text, yaml.SafeLoader), None
     for step in re.findall(r"[^.\[\]]+", key):
         inner = dict(_children(node)).get(step)
         if inner is None:

@@ -13,10 +13,9 @@ from drake_hand.model.geometry import Geometry
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.plans.task import Slide, Step, Task
-from drake_hand.plans.trajectory import States, Trajectory
+from drake_hand.plans.trajectory import States, Trajectory, rotations
 from drake_hand.verify import recurrence
 from drake_hand.verify.certificate import certify
-from drake_hand.plans.trajectory import rotations
 from drake_hand.verify.recurrence import distinct, looks_the_same
 
 
