@@ -237,18 +237,13 @@ def _press(program: ConeProgram, c: _Contacts) -> None:
 
 
 def _spare_joints(program: ConeProgram, c: _Contacts) -> None:
-    """Joint torques stay below their efforts, and normal forces below what these allow."""
+    """Joint torques stay below their efforts."""
     A, m = c.count, c.J.shape[2]
     most, least = c.effort
     r = np.broadcast_to((c.rows[:, None] * m + np.arange(m))[:, :, None], (A, m, 3))
     s = np.broadcast_to(c.force[:, None, :], (A, m, 3))
     for sign, limit in ((1.0, most), (-1.0, least)):
         program.add_upper((limit * c.share[:, None]).ravel(), (r, s, sign * c.J.transpose(0, 2, 1)))
-    lever = np.einsum("aim,ai->am", c.J, c.normal)
-    limit = np.where(np.abs(lever) > 1e-6, np.where(lever > 0, most, least), np.inf)
-    bearable = np.min(limit / np.maximum(np.abs(lever), 1e-6), axis=1)
-    three = np.broadcast_to(c.rows[:, None], (A, 3))
-    program.add_upper(c.share * np.minimum(bearable, 1e3), (three, c.force, c.normal))
 
 
 def _slide(program: ConeProgram, c: _Contacts) -> None:
