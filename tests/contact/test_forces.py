@@ -10,11 +10,12 @@ from drake_hand.contact.chain import FingerKinematics
 from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, tip_stiffness
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.equilibrium import Capacity, margins
-from drake_hand.contact.forces import ForceProblem, balance_forces
+from drake_hand.contact.forces import LIKELY_SHARE, ForceProblem, balance_forces, likely_press
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand, PadSpec
 from drake_hand.model.scene import Scene
+from drake_hand.planning.force_plan import TORSION_SHARES
 
 WEIGHT = np.array([0.0, 0.0, -0.15])
 FRICTION, RADIUS = 0.45, 3e-4
@@ -87,6 +88,50 @@ def test_a_joint_at_its_limit_still_presses_away_from_it():
     room[:, 0, 0] = [[0.075] * 3, [0.0, 0.0, 0.0]]  # the finger below presses upwards: none is left the other way
     N = np.sum(solve(p, n, np.ones((1, 2)), J, effort=room).f_W * n, -1)
     assert N.min() >= 0.4 - 1e-3
+
+
+def test_friction_may_relieve_a_joint():
+    """The normal force alone would be more than the joint bears; what friction is needed anyway turns it back."""
+    p, n, J = rod(1, [-90, 90], [0.0, 0.0])
+    J = J.copy()
+    J[:, 0] = 0.0
+    J[:, 0, :, 0] = 0.1 * n[:, 0] + [0.8, 0.0, 0.0]
+    effort = np.full((2, 3), 0.075)
+    effort[0, 0] = 0.02
+    weight = np.array([0.05, 0.0, -0.3])
+    f = solve(p, n, np.ones((1, 2)), J, force_W=weight, effort=effort, preload=0.05).f_W[0]
+    np.testing.assert_allclose(f.sum(axis=0), -weight, atol=1e-6)
+    assert n[0, 0] @ f[0] * 0.1 > 0.03
+    assert abs(J[0, 0, :, 0] @ f[0]) <= 0.02 + 1e-6
+
+
+@pytest.mark.parametrize("weight", [0.15, 1.5])
+def test_likely_press_is_near_what_comes_out(weight):
+    """Near enough for the pads' patches, whose radius goes by the fourth root."""
+    p, n, J = rod(3, *CAGE)
+    load = np.ones((3, 5))
+    load[1, 3], load[2, 1] = 0.5, 0.0
+    asked = {"force_W": np.array([0.0, 0.0, -weight]), "effort": np.ones((5, 3))}
+    likely = likely_press(contacts(p, n, J), problem(load, **asked))
+    N = np.sum(solve(p, n, load, J, **asked).f_W * n, -1)
+    on = load > 0
+    patch = (likely[on] / N[on]) ** 0.25
+    assert TORSION_SHARES[0] < patch.min() <= patch.max() < TORSION_SHARES[1]
+    np.testing.assert_array_equal(likely[~on], 0.0)
+
+
+def test_a_finger_that_would_have_to_pull_is_taken_to_press_lightly():
+    p, n, J = rod(1, [-90, -90, 90], [-0.02, 0.02, 0.06])  # the one above has no one opposite
+    likely = likely_press(contacts(p, n, J), problem(np.ones((1, 3)), force_W=np.array([0.0, 0.0, -0.05])))
+    assert likely.min() == pytest.approx(LIKELY_SHARE * 0.4)
+
+
+def test_nothing_has_to_be_borne_in_a_fixture():
+    """So all press as hard as they are asked to."""
+    p, n, J = rod(2, [-90, -60], [-0.02, 0.02])
+    likely = likely_press(contacts(p, n, J), problem(np.ones((2, 2)), fixture=np.array([True, False])))
+    np.testing.assert_allclose(likely[0], 0.4)
+    assert np.abs(likely[1] - 0.4).max() > 0.05
 
 
 def test_friction_is_spared():

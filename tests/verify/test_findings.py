@@ -28,3 +28,11 @@ def test_what_is_taken_in_hides_nothing_that_is_worse(name, good, bad):
         assert findings.failures
         assert findings.worst[name].part == (7 if others == bad else 0)
         assert findings.worst[name].time_s == (2.5 if others == bad else 0.0)
+
+
+def test_how_far_bodies_stay_apart_is_taken_in_by_part():
+    findings, others = Findings(), Findings()
+    findings.keep_apart(np.array([3.0, 2.0]), np.array([0, 4]))
+    others.keep_apart(np.array([1.0, 5.0, 4.0]), np.array([0, 0, 1]))
+    findings.take(others, np.array([4, 9]), np.zeros(2))
+    assert findings.apart_mm == {0: 3.0, 4: 1.0, 9: 4.0}
