@@ -52,6 +52,7 @@ def beside(
     weight, progress = np.zeros(2), np.zeros((2, len(p_WO)))
     if total > 0:
         turned = q_WO @ right_product(_from(way) * [1, -1, -1, -1])
+        turned *= np.copysign(1.0, turned[0, 0])  # the way begins with no turn, whatever the sign of the quaternion
         twist = 2 * np.arctan2(turned[:, 1:] @ way.turn / total, turned[:, 0])
         weight[0], progress[0] = (total / angle) ** 2, np.unwrap(twist) / total
     if along.any():

@@ -184,3 +184,12 @@ def test_the_wrong_way_round_leaves_the_corridor():
 def test_while_no_step_moves_it_the_object_stays():
     mm, _ = corridor([], moving(((0, 0, 1), 0, (0, 0, 2), None), ((0, 0, 1), 0, (0, 0, -2), None)))
     assert mm.value == pytest.approx(2)
+
+
+@pytest.mark.parametrize("first", [-270, 200, 300, 720])
+def test_a_second_turn_begins_where_the_first_has_ended(first):
+    """However often the object has come round by then, and whichever sign its quaternion has."""
+    steps = [Step(rotate=Rotate(axis=(1, 0, 0), angle_deg=first)), Step(rotate=Rotate(axis=(0, 1, 0), angle_deg=90))]
+    mm, deg = corridor(steps, moving(((1, 0, 0), first, (0, 0, 0), None), ((0, 1, 0), 90, (0, 0, 0), None)))
+    assert mm.value < 1e-6
+    assert deg.value < 0.02
