@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from drake_hand.cli import interrupt
 from drake_hand.errors import INTERRUPTED
 
-_GARBAGE_THRESHOLDS = 100_000, 50, 100
+_GARBAGE_THRESHOLDS = 100_000, 20, 10
 """Of the garbage collector: imports and plans are many objects that stay, and a command spent a tenth of its time
 looking through them."""
 
