@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_hand.contact.chain import cross
+from drake_hand.contact.kernels.geometry import ShapeArrays, closest_each, solid
 from drake_hand.model.object import Geometry, Object
 from drake_hand.plans.tolerances import PATCH_M
 
@@ -41,17 +42,13 @@ class Surface:
             p_OS (N, 3) nearest points, nhat_O (N, 3) outward unit normals (from the surface to the
             query where that is outside), d (N,) signed distances, negative inside.
         """
-        results = [_closest(g, p_O) for g in self.geometries]
-        if len(results) == 1:
-            return results[0]
-        distances = np.stack([r[2] for r in results])
-        best = distances.argmin(axis=0)
-        rows = np.arange(len(p_O))
-        return (
-            np.stack([r[0] for r in results])[best, rows],
-            np.stack([r[1] for r in results])[best, rows],
-            distances[best, rows],
-        )
+        out = np.empty((len(p_O), 7))
+        closest_each(self._solid, np.ascontiguousarray(p_O, dtype=float), out)
+        return out[:, :3], out[:, 3:6], out[:, 6]
+
+    @cached_property
+    def _solid(self) -> ShapeArrays:
+        return solid(self.geometries)
 
     def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Points spread evenly over the surface; edges, and the ends of cylinders and capsules, are left out.
@@ -217,127 +214,6 @@ class Surface:
         p, n = self.sample(float(np.sort(self.extent)[0]) / 8)
         inside = self.edge_distance(p) > 10 * SAME_M
         return p[inside], n[inside]
-
-
-def _closest(g: Geometry, p_O: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    R, t = g.X_OG[:3, :3], g.X_OG[:3, 3]
-    p, n, d = _CLOSEST[g.kind](g, (p_O - t) @ R)
-    return p @ R.T + t, n @ R.T, d
-
-
-def _unit(v: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors and lengths; `fallback` where the length vanishes."""
-    length = np.sqrt(np.einsum("ni,ni->n", v, v))
-    safe = length > 1e-12
-    return np.where(safe[:, None], v / np.where(safe, length, 1.0)[:, None], fallback), length
-
-
-def _closest_sphere(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    n, length = _unit(p, np.array([0.0, 0.0, 1.0]))
-    return n * g.size[0], n, length - g.size[0]
-
-
-def _closest_capsule(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r, length = g.size
-    core = np.zeros_like(p)
-    core[:, 2] = np.clip(p[:, 2], -length / 2, length / 2)
-    n, distance = _unit(p - core, np.array([1.0, 0.0, 0.0]))
-    return core + n * r, n, distance - r
-
-
-def _closest_cylinder(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r, half = g.size[0], g.size[1] / 2
-    rho = np.hypot(p[:, 0], p[:, 1])
-    safe = rho > 1e-12
-    u = np.where(safe[:, None], p[:, :2] / np.where(safe, rho, 1.0)[:, None], [1.0, 0.0])
-    side, cap = rho - r, np.abs(p[:, 2]) - half
-    sign = np.where(p[:, 2] < 0, -1.0, 1.0)
-    inside = (side <= 0) & (cap <= 0)
-    to_cap = inside & (cap > side)
-    on_rho = np.where(inside & ~to_cap, r, np.minimum(rho, r))
-    on_z = np.where(to_cap, sign * half, np.clip(p[:, 2], -half, half))
-    foot = np.column_stack([u * on_rho[:, None], on_z])
-    inner = np.where(
-        to_cap[:, None], np.column_stack([np.zeros((len(p), 2)), sign]), np.column_stack([u, np.zeros(len(p))])
-    )
-    n, distance = _unit(p - foot, inner)
-    return foot, np.where(inside[:, None], inner, n), np.where(inside, np.maximum(side, cap), distance)
-
-
-def _closest_box(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    half = np.asarray(g.size) / 2
-    excess = np.abs(p) - half
-    inside = (excess <= 0).all(axis=1)
-    face = excess.argmax(axis=1)
-    rows = np.arange(len(p))
-    sign = np.where(p < 0, -1.0, 1.0)
-    foot = np.clip(p, -half, half)
-    inner = np.zeros_like(p)
-    inner[rows, face] = sign[rows, face]
-    foot[inside, face[inside]] = (sign * half)[inside, face[inside]]
-    n, distance = _unit(p - foot, inner)
-    return foot, np.where(inside[:, None], inner, n), np.where(inside, excess.max(axis=1), distance)
-
-
-def _closest_mesh(g: Geometry, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convex polyhedron. Tried is the face whose plane is farthest below the query, in nearly all cases the one.
-
-    A foot is right if no vertex lies beyond the plane through it across the way to the query; where one does, more
-    faces are tried, and all if need be.
-    """
-    a, b, c = (g.vertices[g.faces[:, i]] for i in range(3))
-    normals = cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    height = p @ normals.T - np.einsum("fi,fi->f", a, normals)
-    best = height.argmax(axis=1)
-    depth = height[np.arange(len(p)), best]
-    inside, todo = depth <= 0, np.arange(len(p))
-    feet = p - depth[:, None] * normals[best]
-    for count in (1, 8, len(a)):
-        todo = todo[~inside[todo]]
-        if not len(todo):
-            break
-        block = max(1, 200_000 // count)
-        for rows in np.split(todo, range(block, len(todo), block)):
-            faces = np.argpartition(-height[rows], min(count, len(a)) - 1, axis=1)[:, :count]
-            feet[rows] = _triangle_feet(p[rows], a[faces], b[faces], c[faces])
-        way = p[todo] - feet[todo]
-        beyond = (way @ g.vertices.T).max(axis=1) - np.einsum("ni,ni->n", way, feet[todo])
-        todo = todo[beyond > 1e-9 * np.linalg.norm(way, axis=1)]
-    n, distance = _unit(p - feet, normals[best])
-    return feet, np.where(inside[:, None], normals[best], n), np.where(inside, depth, distance)
-
-
-def _triangle_feet(x: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """(N, 3) nearest points of triangles (N, F, 3) to queries (N, 3), one each (Ericson 2005, section 5.1.5)."""
-    x = x[:, None]
-
-    def on_segment(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        pq = q - p
-        t = ((x - p) * pq).sum(-1) / (pq * pq).sum(-1)
-        return p + np.clip(t, 0, 1)[..., None] * pq
-
-    ab, ac, xa = b - a, c - a, x - a
-    d00, d01, d11 = (ab * ab).sum(-1), (ab * ac).sum(-1), (ac * ac).sum(-1)
-    d20, d21 = (xa * ab).sum(-1), (xa * ac).sum(-1)
-    det = d00 * d11 - d01 * d01
-    v, w = (d11 * d20 - d01 * d21) / det, (d00 * d21 - d01 * d20) / det
-    face = a + v[..., None] * ab + w[..., None] * ac
-    outside = ((v < 0) | (w < 0) | (v + w > 1))[..., None]
-    feet = np.concatenate(
-        [np.where(outside, np.inf, face), on_segment(a, b), on_segment(b, c), on_segment(c, a)], axis=1
-    )
-    nearest = ((x - feet) ** 2).sum(-1).argmin(axis=1)
-    return feet[np.arange(len(feet)), nearest]
-
-
-_CLOSEST = {
-    "sphere": _closest_sphere,
-    "capsule": _closest_capsule,
-    "cylinder": _closest_cylinder,
-    "box": _closest_box,
-    "mesh": _closest_mesh,
-}
 
 
 def _ticks(length: float, spacing: float) -> np.ndarray:

@@ -12,10 +12,10 @@ import numpy as np
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
-from drake_hand.contact.kernels.geometry import closest, closest_of, outside_box
+from drake_hand.contact.kernels.geometry import SOLID, closest, closest_of, outside_box
 from drake_hand.contact.kernels.rolling import frames
 from drake_hand.planning.kernels.hulls import gap
-from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, SOLID, WORLD, scratch
+from drake_hand.planning.kernels.world import END, FINGERS, OBJECT, PALM, WORLD, scratch
 
 FEW_SPHERES = 12
 """Of a group: so few are asked one by one; of more, it is asked first whether the group is clear of the object."""

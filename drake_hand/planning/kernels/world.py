@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import workspace
-from drake_hand.contact.kernels.geometry import ShapeArrays
+from drake_hand.contact.kernels.geometry import ShapeArrays, no_shapes
 from drake_hand.contact.kernels.rolling import Chains
 from drake_hand.planning.kernels.hulls import Hulls
 
@@ -191,7 +191,7 @@ def scratch(w):
 
 
 def _types() -> tuple[numba.types.Type, ...]:
-    """Of `World`, `Load`, `Seeds` and of a solid, whatever is in them."""
+    """Of `World`, `Load` and `Seeds`, whatever is in them."""
 
     def floats(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -201,22 +201,17 @@ def _types() -> tuple[numba.types.Type, ...]:
         ints, floats(0, 3, 3), floats(0, 3), ints, floats(0), floats(0), flags, floats(0, 3), floats(0), ints,
         floats(0, 0), floats(0, 0),
     )  # fmt: skip
-    solid = ShapeArrays(
-        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, ints, ints, floats(0, 2, 3), floats(0, 3, 3),
-        floats(0, 3), floats(0, 4), ints, floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
-        floats(0, 2, 3),
-    )  # fmt: skip
     hulls = Hulls(ints, floats(0, 3), floats(0))
     cover = Cover(
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), ints, hulls,
         np.zeros((0, 0), dtype=np.bool_),
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
-    world = World(chains, solid, hulls, solid, hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
+    world = World(chains, no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
     load = Load(False, 0, floats(3), 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
-    return tuple(numba.typeof(x) for x in (world, load, seeds, solid))
+    return tuple(numba.typeof(x) for x in (world, load, seeds))
 
 
-WORLD, LOAD, SEEDS, SOLID = _types()
+WORLD, LOAD, SEEDS = _types()
 """Types for the signatures of kernels."""
