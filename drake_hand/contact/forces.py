@@ -131,8 +131,7 @@ def likely_press(sets: ContactSets, problem: ForceProblem) -> np.ndarray:
         (n, k) normal forces, zero where there is no contact, N.
     """
     c = _Contacts(sets, problem)
-    spread = np.zeros((c.count, 4, 4))
-    """Inverse of the cost of deviations."""
+    spread = np.zeros((c.count, 4, 4))  # inverse of the cost of deviations
     spread[:, :3, :3] = np.linalg.inv(c.own_cost)
     spread[:, 3, 3] = 1.0 / TORSION_WEIGHT
     moved = spread @ c.wrench.transpose(0, 2, 1)

@@ -36,23 +36,20 @@ class PartArrays:
     """(n, 3) by finger, N; of those that have forces."""
 
     @classmethod
-    def of(
-        cls, part: Part, nq: int, key: str, file: Path | None = None, known: dict[int, np.ndarray] | None = None
-    ) -> PartArrays:
+    def of(cls, part: Part, nq: int, known: dict[int, np.ndarray], key: str, file: Path | None) -> PartArrays:
         """Those of a part.
 
         Args:
             part: the part.
             nq: how many joints there are.
+            known: arrays of other parts by the id of their rows, with which parts that recur share them; added to.
             key: of the part, for the message.
             file: of the plan, likewise.
-            known: arrays of other parts by the id of their rows, with which parts that recur share them; added to.
 
         Raises:
             InputError: a shape is wrong, or a number not finite.
         """
         n = len(part.t)
-        known = {} if known is None else known
 
         def array(name: str, rows: list[Row], width: int) -> np.ndarray:
             if len(rows) != n or set(map(len, rows)) != {width}:

@@ -239,7 +239,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
                 refuse("times must increase", f"{key}.t", f"{n} times", "2 or more, strictly increasing")
             if abs(part.t[0] - end) > _SAME_TIME_S:
                 refuse("part does not start where the one before ended", f"{key}.t[0]", part.t[0], end)
-            out.append(PartArrays.of(part, len(self.joints), key, file, known))
+            out.append(PartArrays.of(part, len(self.joints), known, key, file))
             quaternions = out[-1].X_WO[:, :4]
             before = np.vstack([quaternions[:1] if last is None else last, quaternions[:-1]])
             same_side = np.sum(quaternions * before, axis=1) > 0

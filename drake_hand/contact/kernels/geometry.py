@@ -183,7 +183,7 @@ def closest_of(s, g, x, y, z, near):
     elif kind == 3:
         a, b, c, u, v, w, d = _box(px, py, pz, size[0] / 2, size[1] / 2, size[2] / 2)
     else:
-        a, b, c, u, v, w, d = _mesh(px, py, pz, s, g, near, off > _ON_SURFACE_M)
+        a, b, c, u, v, w, d = _mesh(px, py, pz, s, g, near, off > 0.0)
     return (
         t[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
         t[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
