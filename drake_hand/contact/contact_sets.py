@@ -66,7 +66,3 @@ class ContactSets:
             mask=self.mask[rows],
             p_WCom=self.p_WCom[rows],
         )
-
-    def repeated(self, times: int) -> ContactSets:
-        """Every set so many times, to be changed."""
-        return self[np.repeat(np.arange(len(self)), times)]

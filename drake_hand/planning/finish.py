@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from drake_hand.planning.force_plan import add_forces
-from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.repeats import Kept, kept
@@ -25,7 +24,7 @@ def finished(problem: Problem, task: Task, builder: LegBuilder) -> Path:
         NoPlanFound: no forces balance the object somewhere along it.
     """
     holding, some = problem.holding(task), kept(builder.legs)
-    if isinstance(holding, Equilibrium):
+    if holding is not None:
         given = problem.scene, np.asarray(task.physics.gravity), holding, task.table is not None
         with problem.stage("forces"):
             legs = add_forces(some.legs, *given)

@@ -10,9 +10,7 @@ import itertools
 
 import numpy as np
 
-from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.errors import NoPlanFound
-from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
 from drake_hand.model.table import TABLE_TOUCH_M
 from drake_hand.planning.collision import Clearance
@@ -21,7 +19,6 @@ from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import ROOM_STEP_TICKS, Moves
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.reach import ContactSpan
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import split
 
@@ -44,15 +41,6 @@ HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
 ROOT_GRASPS = 60
 """Of those, how many a search starts from."""
-
-
-def together(hand: Hand, grasps: list[list[ContactSpan]], p_WCom: np.ndarray) -> ContactSets:
-    """The contacts of some grasps, at the start of each hold, around one mass centre p_WCom (3,)."""
-    sets = ContactSets.none(hand, np.repeat(p_WCom[None], len(grasps), axis=0))
-    for row, holds in enumerate(grasps):
-        for h in holds:
-            sets.put(h.finger, h.p_WP[0], h.n_W[0], h.J_WP[0], row)
-    return sets
 
 
 def check_palm(scene: Scene, clearance: Clearance, path: ObjectPath) -> None:

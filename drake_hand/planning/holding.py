@@ -1,4 +1,4 @@
-"""Holding the object: the predicate that every set of contacts has to satisfy.
+"""`Equilibrium`: what every set of contacts has to bear that holds the object, and with what reserve.
 
 Plans keep a reserve against what is not modelled: part of the friction, part of the joint efforts, and a preload that
 still presses when the object is not quite where it should be.
@@ -6,45 +6,12 @@ still presses when the object is not quite where it should be.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from drake_hand.contact.compliance import tip_stiffness
-from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.contact.equilibrium import Capacity, margins
 from drake_hand.contact.spin import spin_arm
 from drake_hand.model.hand import Hand
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
-
-
-class Holding(Protocol):
-    """Judges sets of contacts."""
-
-    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
-        """How well each set holds the object.
-
-        Args:
-            sets: N of them.
-            slip_W: (N, n, 3) unit direction in which a tip slides over the object; zero where it does not.
-
-        Returns:
-            (N,) >= 0 where the set holds; the more the better.
-        """
-        ...
-
-
-class Kinematic:
-    """``hold: kinematic``: enough fingers in contact, which is all that the paper asks for."""
-
-    def __init__(self, min_contacts: int) -> None:
-        self.min_contacts = min_contacts
-
-    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
-        """From 0 to one half by how well the normals oppose one another, if the contacts are enough."""
-        count = sets.mask.sum(axis=1)
-        net = np.linalg.norm((sets.n_W * sets.mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
-        return np.where(count >= self.min_contacts, 0.5 * (1 - net), count - self.min_contacts)
 
 
 class Equilibrium:
@@ -94,19 +61,3 @@ class Equilibrium:
         torque = np.abs(np.einsum("nkim,nki->nkm", J_WP, n_W))
         reach = np.min(self.effort / np.maximum(torque, 1e-6), axis=2)
         return np.minimum(np.maximum(self.POSE_ERROR_M * tip_stiffness(hand, J_WP, n_W), self.LEAST_PRELOAD_N), reach)
-
-    def margins(self, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
-        """Preload every contact can be given, less the one wanted, N.
-
-        A finger that slides drags the object along with all its friction, or with hardly any: either must be borne.
-        """
-        capacity = Capacity(friction=self.friction, torsion_radius=self.torsion_radius, effort=self.effort)
-
-        def least(drag_W: np.ndarray | None) -> np.ndarray:
-            return margins(sets, capacity, self.force_W, drag_W)
-
-        if slip_W is None:
-            margin = least(None)
-        else:
-            margin = np.minimum(least(self.sliding_friction * slip_W), least(1e-3 * slip_W))
-        return margin - self.preload

@@ -18,7 +18,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
-from drake_hand.planning.state import Node, Stroke
+from drake_hand.planning.state import FingerSlide, Node, Stroke, by_finger
 from drake_hand.planning.strokes import rolled
 from drake_hand.planning.switches import path_pieces
 from drake_hand.plans.path import Leg
@@ -51,6 +51,14 @@ class LegBuilder:
     def mode(self) -> str:
         """The mode code of who touches now."""
         return code(self.hand, self.touching, self.sliding)
+
+    @property
+    def state(self) -> Node:
+        """The state that a search begins with from here, not evaluated."""
+        touching = np.zeros(len(self.hand.fingers), dtype=bool)
+        touching[list(self.touching)] = True
+        X, q = np.ascontiguousarray(self.X_WO[:3]), by_finger(self.hand, self.q)
+        return Node(s=0.0, off=np.zeros(6), X=X, q=q, touching=touching)
 
     def make(self, finger: int, p_OP: np.ndarray) -> None:
         """A finger makes contact; takes no time."""
@@ -138,6 +146,8 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
             held = np.flatnonzero(after.touching)
             widths = {int(i): len(builder.hand.fingers[i].columns) for i in held}
             builder.carry(moves.clearance, {i: move.q[:, i, :m] for i, m in widths.items()}, X)
+        elif isinstance(move, FingerSlide):
+            builder.slide(move.finger, move.q[:, : len(builder.hand.fingers[move.finger].columns)], move.p_OP)
         else:
             assert move is not None
             _switch(builder, moves, before, after, move.finger)

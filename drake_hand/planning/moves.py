@@ -5,18 +5,21 @@ The moves themselves are strokes (`strokes.py`) and switches (`switches.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from drake_hand.planning.collision import Clearance
+from drake_hand.planning.failure import code
 from drake_hand.planning.kernels import clear, hold, stroke, transit
 from drake_hand.planning.kernels.world import Load, World
 from drake_hand.planning.object_path import TICK_DEG, TICK_M, ObjectPath
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import Grid, split
 
+SHORT_ROOM_SHARE = 0.25
+"""A contact is short of room that rolls on by less than this, of 1."""
 ROOM_STEPS, ROOM_STEP_TICKS = 7, 2.5
 """How far contacts are looked ahead, steps, and the length of a step, ticks."""
 
@@ -49,9 +52,13 @@ class Moves:
     corridor: OffsetBounds
     fingers: frozenset[int]
     """That may touch."""
-    allowed: Callable[[frozenset[int]], bool]
-    """Whether the mode with these fingers in contact may be used."""
+    modes: Collection[str] | None
+    """Codes of those that may be used; all if not given."""
     rng: np.random.Generator
+
+    def allowed(self, touching: Iterable[int], sliding: Iterable[int] = ()) -> bool:
+        """Whether the mode may be used in which some fingers touch, and of these some slide."""
+        return self.modes is None or code(self.clearance.hand, touching, sliding) in self.modes
 
     def evaluate(self, states: list[Node], rooms: np.ndarray | None = None) -> None:
         """Works out room, margins and score of states; `rooms` (N, n) where they are known."""
@@ -77,7 +84,7 @@ class Moves:
         for x, room, margin, point, normal in zip(states, rooms, margins, p_OP, n_W, strict=True):
             x.room, x.margins, x.p_OP, x.n_W = room, margin, point, normal
             on = room[x.touching]
-            stuck = int(((room < 0.25) & x.touching & ~x.liftable).sum())
+            stuck = int(((room < SHORT_ROOM_SHARE) & x.touching & ~x.liftable).sum())
             x.score = float(on.min(initial=1.0) + on.mean() if len(on) else 0.0)
             x.score += 0.3 * x.spared + min(float(margin[-1]), hold.COUNTED_MARGIN_N) - 0.5 * stuck - 0.03 * x.regrasps
 

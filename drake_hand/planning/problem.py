@@ -17,8 +17,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.failure import code
-from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Moves, OffsetBounds
@@ -117,14 +116,14 @@ class Problem:
             if corridor == "none"
             else OffsetBounds(rad=CORRIDOR_SHARE * np.radians(corridor.deg), m=CORRIDOR_SHARE * corridor.mm * 1e-3),
             fingers=fingers,
-            allowed=lambda touching: task.options.modes is None or code(self.hand, touching) in task.options.modes,
+            modes=task.options.modes,
             rng=np.random.default_rng(task.options.seed),
         )
 
-    def holding(self, task: Task) -> Holding:
-        """The predicate of what holds the object."""
+    def holding(self, task: Task) -> Equilibrium | None:
+        """What contacts have to bear that hold the object; None where it is enough that there are enough of them."""
         if task.options.hold == "kinematic":
-            return Kinematic(task.options.min_contacts)
+            return None
         physics = task.physics
         mass = physics.object_mass_kg or self.object.mass
         return Equilibrium(

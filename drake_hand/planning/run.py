@@ -107,8 +107,9 @@ class Run:
         if step.release:
             steps.release(builder, self.problem.clearance)
         elif step.slide:
+            moves = self.problem.moves(task, still(builder.X_WO), frozenset(builder.touching))
             finger, s = self.problem.hand.finger(step.slide.finger).index, np.array(step.slide.by_mm) * 1e-3
-            steps.slide(builder, self.problem.clearance, self.problem.holding(task), model, finger, s)
+            steps.slide(builder, moves, finger, s)
         else:
             assert step.push is not None
             path = self.problem.path(builder.X_WO, [Step(translate=Translate(by_mm=step.push.by_mm))])

@@ -21,8 +21,9 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.ease import at_ease
 from drake_hand.planning.grasp import FIRM_FINGERS
-from drake_hand.planning.moves import Moves, offset_ticks
+from drake_hand.planning.moves import SHORT_ROOM_SHARE, Moves, offset_ticks
 from drake_hand.planning.period import Period
+from drake_hand.planning.slide import draw_slides
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes, onward
 from drake_hand.planning.stuck import stuck
@@ -45,6 +46,8 @@ BIN_CAPACITY, BIN_KEPT = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
 FINGERS_SWITCHED = 2
 """Fingers whose switches are worked out in one expansion."""
+FINGERS_SLID = 1
+"""Fingers whose slides are worked out in one expansion, of those short of room that have no switch."""
 SELDOM_LIFTABLE_SHARE = 0.25
 """A finger that can be lifted in a smaller share of the states in which it touches is switched first where it can."""
 PERIOD_EXPANSIONS, PERIOD_GRASPS = 6, 4
@@ -235,16 +238,31 @@ class Search:
         urge[[f not in self.moves.fingers for f in range(len(urge))]] = np.inf
         for f in self.wanted or ():
             urge[f] -= 0.0 if state.touching[f] else 1.0
-        able = state.liftable | ~state.touching
-        fingers = [int(f) for f in np.argsort(urge, kind="stable") if able[f] and np.isfinite(urge[f])]
-        for f in fingers[:FINGERS_SWITCHED]:
-            children += draw_switches(self.moves, state, f)
+        children += self._contacts_changed(
+            state, [int(f) for f in np.argsort(urge, kind="stable") if np.isfinite(urge[f])]
+        )
         unwanted = [] if self.wanted is None else [f for f in np.flatnonzero(state.touching) if f not in self.wanted]
         if unwanted:
             children += draw_retreats(self.moves, state, int(rng.choice(unwanted)))
         elif rng.random() < RETREAT_CHANCE:
             children += draw_retreats(self.moves, state, int(rng.integers(len(state.touching))))
         return children
+
+    def _contacts_changed(self, state: Node, fingers: list[int]) -> list[Node]:
+        """States in which one of these fingers, the first before the others, has another contact."""
+        out: list[Node] = []
+        switched, slid = 0, 0
+        for f in fingers:
+            found: list[Node] = []
+            if state.liftable[f] or not state.touching[f]:
+                if switched == FINGERS_SWITCHED:
+                    continue
+                switched, found = switched + 1, draw_switches(self.moves, state, f)
+            stays = state.touching[f] and state.room[f] < SHORT_ROOM_SHARE and not found
+            if stays and slid < FINGERS_SLID and self.period is None:
+                slid, found = slid + 1, draw_slides(self.moves, state, f)
+            out += found
+        return out
 
     def _repeated(self, children: list[Node]) -> tuple[list[Node], list[Node]]:
         """The states most at ease at which a period ends; and the states at the goal that gaits lead to."""

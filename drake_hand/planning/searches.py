@@ -129,15 +129,7 @@ def from_contacts(
     usable = _usable(problem, task) | frozenset(builder.touching)
     grasp.check_palm(problem.scene, problem.clearance, path)
     moves = problem.moves(task, path, usable | (named or frozenset()))
-    touching = np.zeros(len(problem.hand.fingers), dtype=bool)
-    touching[list(builder.touching)] = True
-    root = Node(
-        s=0.0,
-        off=np.zeros(6),
-        X=np.ascontiguousarray(builder.X_WO[:3]),
-        q=by_finger(problem.hand, builder.q),
-        touching=touching,
-    )
+    root = builder.state
     moves.evaluate([root])
     if root.margins[-1] < 0:
         what = f"the fingers that touch do not hold the object (short of {-root.margins[-1]:.2g} N)"

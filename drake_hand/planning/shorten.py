@@ -1,4 +1,4 @@
-"""Removes regrasps that a motion can do without: fingers stay where they were if everything else still works.
+"""Removes regrasps and slides that a motion can do without: fingers stay where they were if all else works.
 
 Given the object's poses, every finger is a robot of its own: a finger that is not regrasped changes nothing about the
 others except what they may collide with and what they have to hold. ::
@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from drake_hand.planning.moves import Moves
-from drake_hand.planning.state import FingerSwitch, Node, Stroke
+from drake_hand.planning.slide import slid_again
+from drake_hand.planning.state import FingerSlide, FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import rolled
 from drake_hand.planning.switches import direct_switch
 
@@ -46,9 +47,9 @@ def shortened(moves: Moves, end: Node) -> Node:
 
 def _regrasp(chain: list[Node], i: int) -> bool:
     move = chain[i].move
-    return isinstance(move, FingerSwitch) and bool(
-        chain[i - 1].touching[move.finger] and chain[i].touching[move.finger]
-    )
+    if isinstance(move, FingerSwitch):
+        return bool(chain[i - 1].touching[move.finger] and chain[i].touching[move.finger])
+    return isinstance(move, FingerSlide)
 
 
 def _postures(chain: list[Node], i: int) -> bytes:
@@ -63,7 +64,7 @@ def _postures(chain: list[Node], i: int) -> bytes:
 def _without(moves: Moves, chain: list[Node], i: int) -> list[Node] | None:
     """The states without a regrasp, if the finger's next switch can be reached that way, or the end."""
     left_out = chain[i].move
-    assert isinstance(left_out, FingerSwitch)
+    assert isinstance(left_out, FingerSwitch | FingerSlide)
     out, apart = list(chain[:i]), True
     for x in chain[i + 1 :]:
         before = out[-1]
@@ -71,6 +72,8 @@ def _without(moves: Moves, chain: list[Node], i: int) -> list[Node] | None:
             state: Node | None = replace(x, parent=before, regrasps=x.regrasps - 1)
         elif isinstance(x.move, Stroke):
             state = _carried_on(moves, before, x, x.move, left_out.finger)
+        elif isinstance(x.move, FingerSlide):
+            state = None if x.move.finger == left_out.finger else slid_again(moves, before, x)
         else:
             assert isinstance(x.move, FingerSwitch)
             state = _switched(moves, before, x, x.move.finger)

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_hand.contact.chain import material_jacobian
-from drake_hand.contact.contact_sets import ContactSets
-from drake_hand.planning.holding import Holding
-from drake_hand.planning.reach import ReachTable
+from drake_hand.planning.kernels import slide as kernels
+from drake_hand.planning.moves import SHORT_ROOM_SHARE, Moves
+from drake_hand.planning.state import FingerSlide, Node
 
 SLIDE_STEP_M = 1e-3
 """Between knots of a slide, m."""
+LONGEST_SLIDE_STEPS, SLIDE_LOOK = 15, 3
+"""Of slides in search of room; and after how many steps each it is asked how much there is."""
+SLIDES_TRIED, SLIDES_RATED, SLIDES_KEPT = 8, 8, 2
+"""Ways on which a finger slides, all round; and ends of slides kept, where there is most room."""
 
 
 def directions(q: np.ndarray, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
@@ -32,32 +35,84 @@ def directions(q: np.ndarray, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
     return velocity / np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-12)
 
 
-def holds(
-    reach: ReachTable,
-    holding: Holding,
-    contacts: ContactSets,
-    X_WO: np.ndarray,
-    finger: int,
-    q: np.ndarray,
-    p_OP: np.ndarray,
-) -> bool:
-    """Whether the object stays held all along a slide, whatever friction the sliding finger has.
+def draw_slides(moves: Moves, state: Node, finger: int) -> list[Node]:
+    """The states in which a finger has slid to where its contact lasts longer, the most promising of them."""
+    touching = np.flatnonzero(state.touching).tolist()
+    if not moves.allowed(touching, [finger]):
+        return []
+    p_OP, n_O = _lines(moves, state, finger)
+    q, length, _ = slid(moves, state, finger, p_OP, n_O)
+    ends = np.arange(SLIDE_LOOK, p_OP.shape[1], SLIDE_LOOK)
+    line, end = np.nonzero(ends <= length[:, None])
+    end = ends[end]
+    if not len(line):
+        return []
+    ways, steps = moves.look(np.full(len(line), state.s), np.tile(state.off, (len(line), 1)))
+    room = moves.rooms(np.full(len(line), finger), np.ascontiguousarray(q[line, end]), ways, steps)
+    best = np.argsort(-room, kind="stable")
+    best = best[room[best] >= SHORT_ROOM_SHARE][:SLIDES_RATED]
+    out = []
+    for i in best:
+        k, posture = int(end[i]), state.q.copy()
+        posture[finger] = q[line[i], k]
+        move = FingerSlide(finger=finger, q=q[line[i], : k + 1], p_OP=p_OP[line[i], : k + 1])
+        out.append(
+            Node(
+                s=state.s,
+                off=state.off,
+                X=state.X,
+                q=posture,
+                touching=state.touching,
+                regrasps=state.regrasps + 1,
+                parent=state,
+                move=move,
+            )
+        )
+    rooms = np.repeat(state.room[None], len(out), axis=0)
+    rooms[:, finger] = room[best]
+    moves.evaluate(out, rooms)
+    better = [x for x in out if x.margins[-1] >= 0 and x.score > state.score]
+    return sorted(better, key=lambda x: -x.score)[:SLIDES_KEPT]
 
-    Args:
-        reach: of the path.
-        holding: predicate.
-        contacts: one set of contacts, the sliding finger's among them.
-        X_WO: (4, 4) the object's pose.
-        finger: which slides.
-        q: (n, m) along the path.
-        p_OP: (n, 3) likewise.
+
+def slid(
+    moves: Moves, state: Node, finger: int, p_OP: np.ndarray, n_O: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slides a finger along points (N, K + 1, 3) of the surface with normals n_O.
+
+    Returns:
+        Postures (N, K + 1, m), how many steps of each can be made (N,), and what ends them (N,), see `END_WORDS`.
     """
-    kin = reach.clearance.kinematics[finger]
-    _, _, J, Jw = kin.jacobian(q)
-    n_W = reach.clearance.surface.closest(p_OP)[1] @ X_WO[:3, :3].T
-    J_WP = material_jacobian(J, Jw, kin.finger.radius * n_W)
-    sets = contacts.repeated(len(q))
-    sets.put(finger, p_OP @ X_WO[:3, :3].T + X_WO[:3, 3], n_W, J_WP)
-    slip_W = np.zeros_like(sets.p_WP)
-    slip_W[:, finger] = directions(q, J_WP, n_W)
-    return bool((holding.margins(sets, slip_W) >= 0).all())
+    N, p_OP, n_O = len(p_OP), np.ascontiguousarray(p_OP), np.ascontiguousarray(n_O)
+    q, length, why = np.zeros((*p_OP.shape[:2], state.q.shape[1])), np.zeros(N, np.int64), np.zeros(N, np.int64)
+    kernels.slides(moves.world, moves.load, finger, state.X, state.q, state.touching, p_OP, n_O, q, length, why)
+    return q, length, why
+
+
+def slid_again(moves: Moves, before: Node, x: Node) -> Node | None:
+    """The state in which a finger has slid as it did to x, another finger elsewhere; if that holds, and is clear."""
+    move = x.move
+    assert isinstance(move, FingerSlide)
+    n_O = moves.clearance.surface.closest(move.p_OP)[1]
+    _, length, _ = slid(moves, before, move.finger, move.p_OP[None], n_O[None])
+    if length[0] < len(move.p_OP) - 1:
+        return None
+    q = before.q.copy()
+    q[move.finger] = x.q[move.finger]
+    return Node(
+        s=x.s, off=x.off, X=x.X, q=q, touching=before.touching, regrasps=before.regrasps + 1, parent=before, move=move
+    )
+
+
+def _lines(moves: Moves, state: Node, finger: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, K + 1, 3) and normals of ways over the surface from a contact, straight as seen from above."""
+    n_O = state.n_W[finger] @ state.X[:, :3]
+    e = np.eye(3)[np.argmin(np.abs(n_O))]
+    t1 = np.cross(e, n_O)
+    t1 /= np.linalg.norm(t1)
+    angle = 2 * np.pi * np.arange(SLIDES_TRIED) / SLIDES_TRIED
+    ways = np.cos(angle)[:, None] * t1 + np.sin(angle)[:, None] * np.cross(n_O, t1)
+    far = SLIDE_STEP_M * np.arange(LONGEST_SLIDE_STEPS + 1)
+    above = state.p_OP[finger] + far[:, None] * ways[:, None]
+    p, n, _ = moves.clearance.surface.closest(above.reshape(-1, 3))
+    return p.reshape(above.shape), n.reshape(above.shape)

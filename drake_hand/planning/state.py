@@ -6,6 +6,7 @@ it. ::
 
     Node --Stroke--> Node      the object moves on, every touching finger rolls (or pivots) with it
     Node --FingerSwitch--> Node      one finger breaks contact, makes one elsewhere, or both; all else rests
+    Node --FingerSlide--> Node      one finger slides over the surface; all else rests
 """
 
 from __future__ import annotations
@@ -42,6 +43,17 @@ class FingerSwitch:
     """The pieces of its path (k, m), where they are not to be made from the indices."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FingerSlide:
+    """One finger moves over the surface in contact; the object rests, held by the others and by it."""
+
+    finger: int
+    q: np.ndarray
+    """(k + 1, m) its postures, rad."""
+    p_OP: np.ndarray
+    """(k + 1, 3) its contact points, m."""
+
+
 @dataclass(kw_only=True, eq=False, slots=True)
 class Node:
     """Where a hand holds the object."""
@@ -57,8 +69,9 @@ class Node:
     touching: np.ndarray
     """(n,) bool."""
     regrasps: int = 0
+    """And slides."""
     parent: Node | None = None
-    move: Stroke | FingerSwitch | None = None
+    move: Stroke | FingerSwitch | FingerSlide | None = None
     """What led here from the parent."""
     room: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) how far each contact would roll on along the nominal path, 1 for far enough."""

@@ -11,27 +11,28 @@ import numpy as np
 from drake_hand.contact.submodel import Model
 from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
-from drake_hand.planning.collision import CLEARANCE_M, Clearance
+from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.grasp import together
-from drake_hand.planning.holding import Holding
+from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS
 from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath, still
 from drake_hand.planning.on_table import check_release
 from drake_hand.planning.park import park
 from drake_hand.planning.reach import ContactSpan, ReachTable
-from drake_hand.planning.slide import SLIDE_STEP_M
-from drake_hand.planning.slide import holds as slide_holds
-from drake_hand.planning.transit import Surroundings
-from drake_hand.planning.world import EDGE_M
+from drake_hand.planning.slide import SLIDE_STEP_M, slid
 from drake_hand.plans.tolerances import TOLERANCES
 
 TOUCHING_M = 1e-3 * TOLERANCES["contact_mm"]
 """A fingertip this near the object's surface touches it, m (``start`` with ``joints_deg``)."""
+_SLIDE_ENDS = {
+    EDGE: ("there is an edge", "edge"),
+    BALANCE: ("the others do not hold the object", "hold"),
+    FINGERS: ("it would hit something", "collision"),
+}
+"""What ends a slide, in words and as a constraint; anything else is reach."""
 OPPOSED_COS = np.cos(np.radians(30.0))
 """A contact pushes if its normal is within 30 deg of opposing the push."""
-_CONTACT_M = 1e-5
-"""How far from its contact a tip may end up, m."""
 
 
 def current_spans(builder: LegBuilder, table: ReachTable) -> list[ContactSpan]:
@@ -86,43 +87,28 @@ def start_inside(builder: LegBuilder, clearance: Clearance, joints_deg: dict[str
     builder.dwell()  # in which the grasp's forces rise
 
 
-def slide(
-    builder: LegBuilder, clearance: Clearance, holding: Holding, model: Model, finger: int, s: np.ndarray
-) -> None:
+def slide(builder: LegBuilder, moves: Moves, finger: int, s: np.ndarray) -> None:
     """One finger slides over the surface by chart coordinates s (2,) in m; the object rests, held by the others.
 
     Raises:
         NoPlanFound: it does not touch, the others do not hold, or an edge, its reach or a collision is in the way.
     """
-    hand, X, name = builder.hand, builder.X_WO, builder.hand.fingers[finger].name
+    hand, surface = builder.hand, moves.clearance.surface
     mode = code(hand, builder.touching, {finger})
 
     def fail(what: str, constraint: str) -> None:
-        raise no_plan(f"finger {name} {what}", mode=mode, finger=name, constraint=constraint, X_WO=X)
+        name = hand.fingers[finger].name
+        raise no_plan(f"finger {name} {what}", mode=mode, finger=name, constraint=constraint, X_WO=builder.X_WO)
 
     if finger not in builder.touching:
         fail("is to slide, but does not touch the object", "contact")
-    table = ReachTable(clearance, still(X), model)
-    holds = current_spans(builder, table)
-    contacts = together(hand, [holds], table.p_WCom(np.zeros(1, dtype=int))[0])
-    kin, columns = clearance.kinematics[finger], hand.fingers[finger].columns
     u = np.linspace(0, 1, max(3, int(np.ceil(np.linalg.norm(s) / SLIDE_STEP_M)) + 1))[:, None]
-    p_OP, n_O = clearance.surface.move(np.repeat(builder.touching[finger][None], len(u), axis=0), u * s)
-    if (clearance.surface.edge_distance(p_OP) < EDGE_M).any():
-        fail("would slide over an edge", "edge")
-    p_WC = (p_OP + kin.finger.radius * n_O) @ X[:3, :3].T + X[:3, 3]
-    way = [builder.q[columns]]
-    for target in p_WC[1:]:
-        q, residual = kin.ik(target[None], way[-1][None])
-        if residual[0] > _CONTACT_M:
-            fail(f"cannot slide farther than {1e3 * np.linalg.norm(u[len(way) - 1] * s):.1f} mm", "joint limit")
-        way.append(q[0])
-    if not slide_holds(table, holding, contacts, X, finger, np.stack(way), p_OP):
-        fail("cannot slide: the others do not hold the object", "hold")
-    around = Surroundings.of(clearance, builder.q, X, finger)
-    if (around.clear(finger, np.stack(way), tip=False) < CLEARANCE_M).any():
-        fail("would hit something as it slides", "collision")
-    builder.slide(finger, np.stack(way), p_OP)
+    p_OP, n_O = surface.move(np.repeat(builder.touching[finger][None], len(u), axis=0), u * s)
+    q, length, why = slid(moves, builder.state, finger, p_OP[None], n_O[None])
+    if length[0] < len(u) - 1:
+        words, constraint = _SLIDE_ENDS.get(int(why[0]), ("that is as far as it reaches", "joint limit"))
+        fail(f"slides no farther than {1e3 * np.linalg.norm(u[length[0]] * s):.1f} mm: {words}", constraint)
+    builder.slide(finger, q[0, :, : len(hand.fingers[finger].columns)], p_OP)
 
 
 def push(builder: LegBuilder, clearance: Clearance, path: ObjectPath, model: Model, finger: int) -> None:

@@ -19,7 +19,7 @@ from drake_hand.modes.constraints import build_ik
 from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.solve import Infeasible, solution_at, solve_ik, what_blocks
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.moves import Moves
+from drake_hand.planning.moves import SHORT_ROOM_SHARE, Moves
 from drake_hand.planning.object_path import TICK_DEG, TICK_M
 from drake_hand.planning.state import Node, whole
 
@@ -37,7 +37,7 @@ def stuck(
     hand = moves.clearance.hand
     names = [f.name for f in hand.fingers]
     touching = [f for f, on in enumerate(x.touching) if on]
-    short = [f for f in touching if x.room[f] < 0.25]
+    short = [f for f in touching if x.room[f] < SHORT_ROOM_SHARE]
     kept = [f for f in touching if x.margins[f] < 0]
     reason = f"{'out of time' if status == 'timeout' else 'nothing left to try'}"
     reason += f" at {100 * share:.0f} % of the motion"

@@ -22,7 +22,7 @@ from drake_hand.contact.kernels.rolling import Chains
 from drake_hand.contact.kernels.rolling import chains as chains_of
 from drake_hand.model.object import Geometry
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
-from drake_hand.planning.holding import Equilibrium, Holding, Kinematic
+from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels import world as kernels
 from drake_hand.planning.kernels.hulls import Hulls
 
@@ -130,26 +130,27 @@ def _far() -> np.ndarray:
     return X
 
 
-def load_on_hand(holding: Holding, min_contacts: int) -> kernels.Load:
+def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load:
     """The arrays of what the hand has to hold."""
-    if isinstance(holding, Equilibrium):
+    if holding is not None:
         return kernels.Load(
             kinematic=False,
             min_contacts=min_contacts,
             force_W=np.array(holding.force_W, dtype=float),
             friction=float(holding.friction),
+            sliding_friction=float(holding.sliding_friction),
             torsion_radius=float(holding.torsion_radius),
             spin_arm=holding.spin_arm,
             preload=float(holding.preload),
             dexterity=LEAST_DEXTERITY_M_PER_RAD,
             effort=holding.effort,
         )
-    assert isinstance(holding, Kinematic)
     return kernels.Load(
         kinematic=True,
         min_contacts=min_contacts,
         force_W=np.zeros(3),
         friction=1.0,
+        sliding_friction=1.0,
         torsion_radius=0.0,
         spin_arm=np.zeros(1),
         preload=0.0,

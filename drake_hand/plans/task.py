@@ -176,7 +176,7 @@ class Options(_Strict, frozen=True, kw_only=True):
     min_contacts: Annotated[int, Meta(ge=0)] = 2
     """Fewest fingers that hold, at any time."""
     modes: list[str] | None = None
-    """Mode codes the plan may use; all if not given."""
+    """Mode codes the plan may use, a digit per finger: 0 free, 1 rolling, 2 sliding; all if not given."""
     timing: Literal["parabolic", "optimal", "fast"] = "parabolic"
     """``optimal``: as fast as the limits allow; ``fast``: also with the forces that accelerate the object."""
     seed: Annotated[int, Meta(ge=0)] = 0

@@ -27,11 +27,11 @@ def test_there_is_no_contact_until_one_is_put():
     assert not none.J_WP[:, 2, :, 2].any(), "joints a finger lacks move nothing"
 
 
-def test_rows_and_repetitions(sets):
+def test_rows_are_copies(sets):
     some = sets[np.array([2, 0])]
     np.testing.assert_array_equal(some.mask, sets.mask[[2, 0]])
     np.testing.assert_array_equal(some.p_WCom, sets.p_WCom[[2, 0]])
-    twice = sets[:1].repeated(2)
+    twice = sets[np.array([0, 0])]
     twice.put(3, np.zeros(3), [0.0, 1.0, 0.0], np.zeros((3, 3)), 1)
     assert twice.p_WP[0, 3, 0] == sets.p_WP[0, 3, 0] == 1.0
     assert twice.p_WP[1, 3, 0] == 0.0

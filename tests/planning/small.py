@@ -8,12 +8,14 @@ import numpy as np
 
 from drake_hand.contact.chain import material_jacobian
 from drake_hand.contact.contact_sets import ContactSets
+from drake_hand.contact.equilibrium import Capacity
+from drake_hand.contact.equilibrium import margins as least_forces
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning import approach, grasp
 from drake_hand.planning.collision import Clearance
-from drake_hand.planning.holding import Equilibrium, Holding
+from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels.world import World
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose
@@ -79,17 +81,18 @@ def table(hand: str, object_: str, *steps: Step) -> ReachTable:
     return ReachTable(clearance(hand, object_), path(hand, *steps), "rolling")
 
 
-def moves(hand: str, object_: str, way: ObjectPath, holding: Holding | None = None, **changes) -> Moves:
-    """As a run makes them, in a corridor of 10 deg and 10 mm."""
+def moves(hand: str, object_: str, way: ObjectPath, holding: Equilibrium | int | None = None, **changes) -> Moves:
+    """As a run makes them, in a corridor of 10 deg and 10 mm; `holding` may be so many contacts, kinematically."""
     c = clearance(hand, object_)
     values = {
         "corridor": OffsetBounds(rad=np.radians(10.0), m=10e-3),
         "fingers": frozenset(range(len(c.hand.fingers))),
-        "allowed": lambda touching: True,
+        "modes": None,
         "rng": np.random.default_rng(0),
     } | changes
     world_, grid = _world(hand, object_)
-    load_ = load_on_hand(holding or equilibrium(hand, object_), 2)
+    counted_ = isinstance(holding, int)
+    load_ = load_on_hand(None, holding) if counted_ else load_on_hand(holding or equilibrium(hand, object_), 2)
     return Moves(clearance=c, world=world_, load=load_, grid=grid, path=way, **values)
 
 
@@ -132,6 +135,23 @@ def equilibrium(hand: str, object_: str, **changes) -> Equilibrium:
         "preload": 0.1,
     } | changes
     return Equilibrium(Hand.load(hand), **values)
+
+
+def margins(holding: Equilibrium, sets: ContactSets, slip_W: np.ndarray | None = None) -> np.ndarray:
+    """(N,) preload that every contact can be given, less the one wanted, N.
+
+    A finger that slides along unit vectors (N, n, 3) drags the object with all its friction, or with hardly any.
+    """
+    capacity = Capacity(friction=holding.friction, torsion_radius=holding.torsion_radius, effort=holding.effort)
+    drags = [None] if slip_W is None else [holding.sliding_friction * slip_W, 1e-3 * slip_W]
+    return np.min([least_forces(sets, capacity, holding.force_W, x) for x in drags], axis=0) - holding.preload
+
+
+def counted(sets: ContactSets, min_contacts: int) -> np.ndarray:
+    """(N,) up to one half the better normals are opposed, where the contacts are enough, else how many are missing."""
+    count = sets.mask.sum(axis=1)
+    net = np.linalg.norm((sets.n_W * sets.mask[:, :, None]).sum(axis=1), axis=1) / np.maximum(count, 1)
+    return np.where(count >= min_contacts, 0.5 * (1 - net), count - min_contacts)
 
 
 def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> ContactSpan:

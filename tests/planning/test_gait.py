@@ -9,7 +9,7 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.world import load_on_hand
-from tests.planning.small import equilibrium, moves, path, table, turn, waiting
+from tests.planning.small import equilibrium, margins, moves, path, table, turn, waiting
 
 FINGERS = [0, 1, 2, 3]
 STROKE = 10
@@ -37,7 +37,7 @@ def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
     for slot, (h, age) in enumerate(zip(one.spans, ages, strict=True)):
         if slot != lifted:
             sets.put(h.finger, h.p_WP[age], h.n_W[age], h.J_WP[age])
-    return float(equilibrium("quartet", "cylinder").margins(sets)[0])
+    return float(margins(equilibrium("quartet", "cylinder"), sets)[0])
 
 
 def test_every_step_of_a_gait_holds_with_the_margin_it_states(reach, gaits):

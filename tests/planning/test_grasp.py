@@ -12,7 +12,7 @@ from drake_hand.planning.problem import Problem
 from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.strokes import onward
 from drake_hand.plans.task import Grasp, Options, Pose, Step, Task
-from tests.planning.small import START, as_sets, equilibrium, move, moves, path, roots, turn, waiting
+from tests.planning.small import START, as_sets, equilibrium, margins, move, moves, path, roots, turn, waiting
 
 HAND, PENCIL = "quartet", "pencil_r8"
 
@@ -24,7 +24,7 @@ def test_grasps_balance_the_object_and_are_clear():
     q, on = np.stack([x.q for x in found]), np.stack([x.touching for x in found])
     X = np.repeat(m.path.X_WO[:1, :3], len(found), axis=0)
     sets = as_sets(m.clearance, X, q, on)
-    assert (equilibrium(HAND, PENCIL).margins(sets) >= -1e-6).all()
+    assert (margins(equilibrium(HAND, PENCIL), sets) >= -1e-6).all()
     for x in found:
         centres = [m.clearance.centres(f, x.q[f : f + 1, : len(k.lower)]) for f, k in enumerate(m.clearance.kinematics)]
         between = m.clearance.between
@@ -63,7 +63,7 @@ def test_a_power_grasp_begins_with_most_fingers():
             "none of 3000 sets of contacts",
         ),
         ({"holding": equilibrium(HAND, PENCIL, mass=50.0)}, "effort", "N are missing"),
-        ({"allowed": lambda touching: False}, "modes", "options.modes"),
+        ({"modes": []}, "modes", "options.modes"),
         ({"fingers": frozenset({0})}, "contacts", "2 fingers have to touch, 1 can"),
     ],
 )

@@ -8,6 +8,7 @@ import pytest
 
 from drake_hand.model.object import Object
 from drake_hand.planning import grasp, period
+from drake_hand.planning.failure import code
 from drake_hand.planning.period import Period, counts
 from drake_hand.planning.state import Stroke
 from drake_hand.planning.strokes import carried
@@ -80,8 +81,8 @@ def test_fingers_go_back_only_through_modes_that_are_allowed(twice):
     m, p, root, end = twice
     x = next(x for x in end.chain if x.s == p.ticks)
     assert p.completed(m, x) is not None
-    touching = frozenset(np.flatnonzero(root.touching).tolist())
-    assert p.completed(replace(m, allowed=lambda mode: mode == touching), x) is None
+    only = code(m.clearance.hand, np.flatnonzero(root.touching).tolist())
+    assert p.completed(replace(m, modes=[only]), x) is None
 
 
 def test_contacts_of_later_periods_are_on_the_surface(twice):

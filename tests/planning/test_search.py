@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_hand.planning.holding import Kinematic
+from drake_hand.planning.failure import code
 from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.period import Period
 from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes
 from drake_hand.planning.switches import draw_retreats, draw_switches
-from tests.planning.small import START, as_sets, equilibrium, move, moves, path, roots, turn
+from tests.planning.small import START, as_sets, equilibrium, margins, move, moves, path, roots, turn
 
 HAND, PENCIL = "quartet", "pencil_r8"
 SLIPPERY = equilibrium(HAND, PENCIL, friction=1e-4, gravity=np.array([0.0, 0.0, -9.81]))
@@ -31,9 +31,9 @@ def searched(way, *, wanted=None, begin=None, budget=60, **changes) -> tuple[Sea
 
 
 def test_moves_keep_to_the_fingers_and_modes_that_may_be_used():
-    used, may = frozenset({0, 1, 3}), {frozenset({0, 1, 3}), frozenset({0, 1})}
+    used, may = frozenset({0, 1, 3}), ["1101", "1100"]
     free = moves(HAND, PENCIL, path(HAND, turn(20.0)))
-    kept = moves(HAND, PENCIL, path(HAND, turn(20.0)), Kinematic(2), fingers=used, allowed=lambda t: t in may)
+    kept = moves(HAND, PENCIL, path(HAND, turn(20.0)), 2, fingers=used, modes=may)
     made = {f: 0 for f in range(4)}
     for x in roots(free, most=True)[:10]:
         for f in range(4):
@@ -43,8 +43,7 @@ def test_moves_keep_to_the_fingers_and_modes_that_may_be_used():
     for x in roots(kept):
         for f in range(4):
             for after in [*draw_switches(kept, x, f), *draw_retreats(kept, x, f)]:
-                touching = frozenset(np.flatnonzero(after.touching).tolist())
-                assert touching in may
+                assert code(kept.clearance.hand, np.flatnonzero(after.touching).tolist()) in may
                 lifted.add(f)
                 assert after.margins[-1] >= 0
                 same = [k for k in range(4) if k != f]
@@ -143,9 +142,9 @@ def test_what_follows_from_a_root_that_cannot_be_got_to_does_not_count(monkeypat
 
 
 def test_the_object_is_handed_over_to_the_fingers_wanted():
-    m = moves(HAND, PENCIL, still(pose(START[HAND])), Kinematic(2), fingers=frozenset({0, 1, 2}))
+    m = moves(HAND, PENCIL, still(pose(START[HAND])), 2, fingers=frozenset({0, 1, 2}))
     begin = roots(m, every=True)[:1]
-    _, end = searched(still(pose(START[HAND])), wanted=frozenset({0, 1, 3}), begin=begin, holding=Kinematic(2))
+    _, end = searched(still(pose(START[HAND])), wanted=frozenset({0, 1, 3}), begin=begin, holding=2)
     assert tuple(end.touching) == (True, True, False, True)
     assert all(x.margins[-1] >= 0 for x in end.chain)
 
@@ -158,6 +157,7 @@ def test_a_finger_that_can_seldom_be_lifted_is_switched_where_it_can(monkeypatch
     asked = []
     monkeypatch.setattr("drake_hand.planning.search.draw_switches", lambda m, state, f: asked.append(f) or [])
     monkeypatch.setattr("drake_hand.planning.search.draw_retreats", lambda *_: [])
+    monkeypatch.setattr("drake_hand.planning.search.draw_slides", lambda *_: [])
     monkeypatch.setattr(m, "evaluate", lambda states, rooms=None: None)
     for others in ([x] * 4, [never] * 4):
         monkeypatch.setattr("drake_hand.planning.search.draw_strokes", lambda m, state, others=others: others)
@@ -225,8 +225,7 @@ def test_a_search_for_a_period_looks_for_one(turned):
 
 
 def test_a_failure_says_how_far_it_got_and_who_is_short_of_what():
-    everyone = frozenset(range(4))
-    m = moves(HAND, PENCIL, path(HAND, turn(360.0)), allowed=lambda touching: touching == everyone)
+    m = moves(HAND, PENCIL, path(HAND, turn(360.0)), modes=["1111"])
     search = Search(moves=m)
     search.begin(roots(m))
     assert search.run(10, time.monotonic() + 60.0) is None, "no finger may be lifted"
@@ -300,7 +299,7 @@ def test_a_failure_says_whether_more_friction_would_let_a_finger_be_lifted():
         less = np.repeat(root.touching[None], len(kept), axis=0)
         less[range(len(kept)), kept] = False
         X, q = (np.repeat(a[None], len(kept), axis=0) for a in (root.X, root.q))
-        could = bool((twice.margins(as_sets(m.clearance, X, q, less)) >= 0).any())
+        could = bool((margins(twice, as_sets(m.clearance, X, q, less)) >= 0).any())
         assert ("twice the friction" in reason) == could
         told.add(could)
     assert told

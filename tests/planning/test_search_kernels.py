@@ -1,6 +1,7 @@
 """Compiled strokes, balance and transits against the plain formulas of rolling, equilibrium, clearance and reach."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,6 @@ from drake_hand.contact.compliance import turns
 from drake_hand.contact.spin import twisted
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE_M
-from drake_hand.planning.holding import Kinematic
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
@@ -18,6 +18,7 @@ from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP
 from drake_hand.planning.world import load_on_hand
 from drake_hand.plans.tolerances import TOLERANCES
 from tests.contact.plain_rolling import roll
+from tests.planning import small
 from tests.planning.small import (
     as_sets,
     clearance,
@@ -123,8 +124,11 @@ def test_a_stroke_ends_where_something_comes_too_near(pinched):
 def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
     m, X, q0, touching = pinched
     N = len(q0)
-    for holding, least in ((equilibrium("quartet", "pencil_r8"), 0), (Kinematic(2), 2)):
-        load_ = load_on_hand(holding, least)
+    weighs = equilibrium("quartet", "pencil_r8")
+    for load_, asked in (
+        (load_on_hand(weighs, 0), partial(small.margins, weighs)),
+        (load_on_hand(None, 2), partial(small.counted, min_contacts=2)),
+    ):
         margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
         XX = np.repeat(X[None], N, axis=0)
         hold.held_without(
@@ -138,7 +142,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
             n_W,
         )
         sets = as_sets(m.clearance, XX, q0, touching)
-        told, true = margins[:, 4], holding.margins(sets)
+        told, true = margins[:, 4], asked(sets)
         np.testing.assert_allclose(
             np.minimum(told, hold.COUNTED_MARGIN_N), np.minimum(true, hold.COUNTED_MARGIN_N), atol=1e-6
         )
@@ -147,7 +151,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
         for f in range(4):
             less = touching.copy()
             less[:, f] = False
-            rest = holding.margins(as_sets(m.clearance, XX, q0, less))
+            rest = asked(as_sets(m.clearance, XX, q0, less))
             # nobody asks what holds without a finger where nothing holds with all
             rest = np.where(margins[:, 4] < 0, margins[:, 4], rest)
             np.testing.assert_allclose(np.minimum(margins[:, f], 0.0), np.minimum(rest, 0.0), atol=1e-6)
@@ -188,8 +192,8 @@ def test_a_stroke_ends_where_its_contacts_hold_no_longer():
         rows = slice(0, length[i] + 2)
         on = np.repeat(touching[i : i + 1], length[i] + 2, axis=0)
         sets = as_sets(m.clearance, X[rows], q[i, rows], on)
-        assert (holding.margins(sets)[:-1] >= -1e-6).all()
-        assert limp.margins(sets)[-1] < 1e-6
+        assert (small.margins(holding, sets)[:-1] >= -1e-6).all()
+        assert small.margins(limp, sets)[-1] < 1e-6
 
 
 def test_pads_twist_as_they_do_by_the_plain_formulas():

@@ -5,7 +5,8 @@ import numpy as np
 from drake_hand.planning import grasp, searches, shorten
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.shorten import shortened
-from drake_hand.planning.state import Stroke
+from drake_hand.planning.slide import draw_slides, slid_again
+from drake_hand.planning.state import FingerSlide, Node, Stroke
 from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import draw_switches
 from drake_hand.plans.task import Grasp, Options, Rotate, Step, Task
@@ -41,6 +42,42 @@ def test_a_regrasp_that_nothing_needs_is_left_out():
         assert (found.regrasps, found.s) == (0, end.s)
         np.testing.assert_array_equal(found.q, without.q)
         assert [type(x.move) for x in found.chain] == [type(None), Stroke]
+
+
+def test_a_slide_that_nothing_needs_is_left_out_and_another_finger_s_is_kept():
+    """Fingers slide to where the motion can be made; a regrasp of another finger before it is not needed."""
+    m = moves("quartet", "cylinder", path("quartet", turn(60.0)))
+    needless, kept = 0, 0
+    for root in grasp.roots(m, waiting("quartet"), every=False, most=True):
+        for f in np.flatnonzero(root.touching).tolist():
+            for y in draw_slides(m, root, f)[:1]:
+                found = shortened(m, y)
+                assert found is root
+                needless += 1
+                kept += needed(m, root, f, y)
+    assert needless > 3
+    assert kept
+
+
+def needed(m, root: Node, f: int, y: Node) -> bool:
+    """Whether a motion was found that the slide of f from root to y is needed for; it stays if so, and only it."""
+    s = next((s for s in range(36, 2, -2) if (end := carried(m, y, float(s), NOWHERE)) is not None), 0)
+    if not s or carried(m, root, float(s), NOWHERE) is not None:
+        return False
+    for g in np.flatnonzero(root.touching).tolist():
+        for z in draw_switches(m, root, g) if g != f else []:
+            slid = slid_again(m, z, y)
+            if slid is None:
+                continue
+            m.evaluate([slid])
+            end = carried(m, slid, float(s), NOWHERE)
+            if end is not None:
+                found = shortened(m, end)
+                assert [type(x.move) for x in found.chain] == [type(None), FingerSlide, Stroke]
+                assert found.regrasps == 1
+                np.testing.assert_allclose(found.q[f], carried(m, y, float(s), NOWHERE).q[f], atol=1e-9)
+                return True
+    return False
 
 
 def test_a_regrasp_without_which_the_object_does_not_get_there_stays():

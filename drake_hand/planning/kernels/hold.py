@@ -52,7 +52,10 @@ def twists(w, f, q, before, turned, s):
 
 @njit()
 def held(w, load, mask, X, s, enough):
-    """The margin with which the contacts taken so far hold the object at X (3, 4); see `Holding.margins`.
+    """The margin with which the contacts taken so far hold the object at X (3, 4).
+
+    It is the preload that each of them can be given, less the one wanted, N; kinematically, from 0 to one half the
+    better the normals are opposed, where the contacts are enough, else how many are missing.
 
     Of a margin that is more than `enough` only that is told, not how much.
     """

@@ -106,6 +106,8 @@ class Load(NamedTuple):
     min_contacts: int
     force_W: np.ndarray
     friction: float
+    sliding_friction: float
+    """Most that contacts have which slide."""
     torsion_radius: float
     spin_arm: np.ndarray
     """(n,) torque of contacts that rub over their normal force, m; see `contact.spin`."""
@@ -208,7 +210,7 @@ def _types() -> tuple[numba.types.Type, ...]:
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
     world = World(chains, no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds))
 
