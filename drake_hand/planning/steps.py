@@ -13,7 +13,7 @@ from drake_hand.errors import InputError, nearest
 from drake_hand.planning import approach
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS
+from drake_hand.planning.kernels.world import BALANCE, EDGE, FINGERS, SINGULAR
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath, still
@@ -29,6 +29,7 @@ _SLIDE_ENDS = {
     EDGE: ("there is an edge", "edge"),
     BALANCE: ("the others do not hold the object", "hold"),
     FINGERS: ("it would hit something", "collision"),
+    SINGULAR: ("its tip would turn over the surface rather than slide, or jump", "singular"),
 }
 """What ends a slide, in words and as a constraint; anything else is reach."""
 OPPOSED_COS = np.cos(np.radians(30.0))
