@@ -169,7 +169,9 @@ class Surface:
 
     @cached_property
     def _second_axis(self) -> np.ndarray:
-        return np.eye(3)[int(np.argsort(self.extent, kind="stable")[1])]
+        longest = int(np.argmax(self.extent))
+        # of two that are as long, the other
+        return np.eye(3)[next(int(i) for i in np.argsort(self.extent, kind="stable")[1:] if i != longest)]
 
     @cached_property
     def extent(self) -> np.ndarray:

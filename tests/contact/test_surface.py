@@ -184,6 +184,14 @@ def test_tangents_are_a_right_handed_frame(g, rng):
     np.testing.assert_allclose(np.linalg.det(F), 1)
 
 
+@pytest.mark.parametrize("size", [(0.06, 0.06, 0.02), (0.06, 0.02, 0.06), (0.02, 0.06, 0.06), (0.05, 0.05, 0.05)])
+def test_tangents_where_two_sides_are_as_long(size):
+    n = np.concatenate([np.eye(3), -np.eye(3)])
+    t1, t2 = Surface((Geometry(kind="box", X_OG=np.eye(4), size=size),)).tangents(n)
+    np.testing.assert_allclose(np.linalg.norm(t2, axis=1), 1.0)
+    np.testing.assert_allclose(np.cross(t1, t2), n, atol=1e-12)
+
+
 @kinds
 def test_tangent_rates_are_their_derivative(g, rng):
     surface, h = Surface((g,)), 1e-6
