@@ -48,7 +48,7 @@ def _drags(w, load, f, before, q, X, touching, way, s):
             for i in range(3):
                 s.drag[f, i] *= share / last
             last = share
-            if held(w, load, touching, X, s, 0.0) < 0.0:
+            if held(w, load, touching, X, s, load.preload) < load.preload:
                 why = BALANCE
     s.drag[f] = 0.0
     return why
@@ -72,7 +72,8 @@ def _drags(w, load, f, before, q, X, touching, way, s):
 def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
     """Carries the contact of one finger over the surface, the object and all else at rest, as far as that goes.
 
-    The object has to be held with all the friction that a sliding contact can have, and with hardly any.
+    The object has to be held with all the friction that a sliding contact can have, and with hardly any; and with twice
+    the preload of contacts that rest: how hard the sliding one presses, and so drags, varies with the object's pose.
 
     Args:
         w: the world.
