@@ -147,12 +147,9 @@ def _unrolled(gait: Gait, table: ReachTable, moves: Moves, q: np.ndarray) -> Nod
         if end == goal:
             return state
         for slot in gait.order:
-            h, q_next = gait.spans[slot], state.q.copy()
-            q_next[h.finger, : h.q.shape[1]] = h.q[0]
-            after = Node(
-                s=state.s, off=state.off, X=state.X, q=q_next, touching=state.touching, regrasps=state.regrasps + 1,
-                parent=state, move=steps.get(slot),
-            )  # fmt: skip
+            h, q_next = gait.spans[slot], state.q[gait.spans[slot].finger].copy()
+            q_next[: h.q.shape[1]] = h.q[0]
+            after = state.moved(h.finger, q_next, steps.get(slot))
             if after.move is None:
                 moves.evaluate([state, after])
                 switch = switch_to(moves, state, after, h.finger)

@@ -106,13 +106,10 @@ def _carried_on(moves: Moves, before: Node, x: Node, stroke: Stroke, finger: int
 
 def _switched(moves: Moves, before: Node, x: Node, finger: int) -> Node | None:
     """The finger's switch to where it is in x, from another posture of the hand; if that holds, and is clear."""
-    q, touching = before.q.copy(), before.touching.copy()
-    q[finger], touching[finger] = x.q[finger], x.touching[finger]
-    both = bool(before.touching[finger] and touching[finger])
-    after = Node(s=x.s, off=x.off, X=x.X, q=q, touching=touching, regrasps=before.regrasps + both, parent=before)
-    moves.evaluate([before, after], np.ones((2, len(q))))
+    after = before.moved(finger, x.q[finger], touching=bool(x.touching[finger]))
+    moves.evaluate([before, after], np.ones((2, len(after.q))))
     held = after.margins[-1] >= 0 and (not before.touching[finger] or before.margins[finger] >= 0)
-    if not held or not moves.clear(x.X, q[None], touching[None])[0]:
+    if not held or not moves.clear(after.X, after.q[None], after.touching[None])[0]:
         return None
     after.move = direct_switch(moves, before, after, finger)
     return None if after.move is None else after

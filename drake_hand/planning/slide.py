@@ -53,21 +53,9 @@ def draw_slides(moves: Moves, state: Node, finger: int) -> list[Node]:
     best = best[room[best] >= SHORT_ROOM_SHARE][:SLIDES_RATED]
     out = []
     for i in best:
-        k, posture = int(end[i]), state.q.copy()
-        posture[finger] = q[line[i], k]
+        k = int(end[i])
         move = FingerSlide(finger=finger, q=q[line[i], : k + 1], p_OP=p_OP[line[i], : k + 1])
-        out.append(
-            Node(
-                s=state.s,
-                off=state.off,
-                X=state.X,
-                q=posture,
-                touching=state.touching,
-                regrasps=state.regrasps + 1,
-                parent=state,
-                move=move,
-            )
-        )
+        out.append(state.moved(finger, move.q[k], move))
     rooms = np.repeat(state.room[None], len(out), axis=0)
     rooms[:, finger] = room[best]
     moves.evaluate(out, rooms)
@@ -95,13 +83,7 @@ def slid_again(moves: Moves, before: Node, x: Node) -> Node | None:
     assert isinstance(move, FingerSlide)
     n_O = moves.clearance.surface.closest(move.p_OP)[1]
     _, length, _ = slid(moves, before, move.finger, move.p_OP[None], n_O[None])
-    if length[0] < len(move.p_OP) - 1:
-        return None
-    q = before.q.copy()
-    q[move.finger] = x.q[move.finger]
-    return Node(
-        s=x.s, off=x.off, X=x.X, q=q, touching=before.touching, regrasps=before.regrasps + 1, parent=before, move=move
-    )
+    return before.moved(move.finger, x.q[move.finger], move) if length[0] == len(move.p_OP) - 1 else None
 
 
 def _lines(moves: Moves, state: Node, finger: int) -> tuple[np.ndarray, np.ndarray]:

@@ -98,6 +98,15 @@ class Node:
         """How many of its fingers it can spare, one at a time."""
         return int(self.liftable.sum())
 
+    def moved(
+        self, finger: int, q: np.ndarray, move: FingerSwitch | FingerSlide | None = None, *, touching: bool = True
+    ) -> Node:
+        """The state after one finger has gone to q (m,), the object and all else at rest; not evaluated."""
+        posture, on = self.q.copy(), self.touching.copy()
+        posture[finger], on[finger] = q, touching
+        regrasps = self.regrasps + bool(self.touching[finger] and touching)
+        return Node(s=self.s, off=self.off, X=self.X, q=posture, touching=on, regrasps=regrasps, parent=self, move=move)
+
     @property
     def chain(self) -> list[Node]:
         """The states from the root to this one."""

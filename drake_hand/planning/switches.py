@@ -45,18 +45,7 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
     touching = np.repeat(state.touching[None], len(order), axis=0)
     touching[:, finger] = True
     order, posture = (x[moves.clear(state.X, posture, touching)] for x in (order, posture))
-    out = [
-        Node(
-            s=state.s,
-            off=state.off,
-            X=state.X,
-            q=row,
-            touching=touching[0],
-            regrasps=state.regrasps + touches,
-            parent=state,
-        )
-        for row in posture
-    ]
+    out = [state.moved(finger, row[finger]) for row in posture]
     rooms = np.repeat(state.room[None], len(out), axis=0)
     rooms[:, finger] = room[order]
     moves.evaluate(out, rooms)
@@ -82,23 +71,9 @@ def draw_retreats(moves: Moves, state: Node, finger: int) -> list[Node]:
     stops, found = moves.grid.stops[finger], _ways_off(moves, state, finger)
     out = []
     for v in np.flatnonzero(found >= 0)[:CONTACTS_KEPT]:
-        q, touching = state.q.copy(), state.touching.copy()
-        q[finger], touching[finger] = stops[v], False
-        if np.array_equal(q, state.q):
-            continue
-        move = FingerSwitch(finger=finger, rise=int(found[v]), landing=-1, stop=int(v))
-        out.append(
-            Node(
-                s=state.s,
-                off=state.off,
-                X=state.X,
-                q=q,
-                touching=touching,
-                regrasps=state.regrasps,
-                parent=state,
-                move=move,
-            )
-        )
+        if not np.array_equal(stops[v], state.q[finger]):
+            move = FingerSwitch(finger=finger, rise=int(found[v]), landing=-1, stop=int(v))
+            out.append(state.moved(finger, stops[v], move, touching=False))
     moves.evaluate(out)
     return [x for x in out if x.margins[-1] >= 0]
 

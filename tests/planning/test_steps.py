@@ -96,9 +96,9 @@ def test_a_finger_slides_as_far_as_it_is_told_over_the_surface(held):
 
 @pytest.mark.parametrize(
     ("s_mm", "constraint"),
-    [((0.0, 60.0), "joint limit"), ((0.0, -30.0), "collision")],
+    [((0.0, 60.0), "joint limit"), ((0.0, -30.0), "collision"), ((0.0, 0.0), "singular")],
 )
-def test_a_slide_out_of_reach_or_into_another_finger_is_refused(held, s_mm, constraint):
+def test_a_slide_out_of_reach_into_another_finger_or_nowhere_is_refused(held, s_mm, constraint):
     with pytest.raises(NoPlanFound) as e:
         steps.slide(held, standing(held, 3), 3, 1e-3 * np.array(s_mm))
     assert e.value.evidence.constraint == constraint

@@ -41,7 +41,7 @@ def _drags(w, load, f, before, q, X, touching, way, s):
         s.drag[f, i] = s.force[i] - normal * n[i]
         length += s.drag[f, i] * s.drag[f, i]
     length = math.sqrt(length)
-    why = END if length >= LEAST_SLIP_SHARE * way else SINGULAR
+    why = END if length > LEAST_SLIP_SHARE * way else SINGULAR
     last = length
     for share in (load.sliding_friction, HARDLY_ANY_FRICTION):
         if why == END:
