@@ -63,7 +63,7 @@ def margins(sets: ContactSets, capacity: Capacity, force_W: np.ndarray, drag_W: 
         float(capacity.torsion_radius),
         1.0 / capacity.f_max,
         _ready(J),
-        _ready(effort),
+        _ready(np.repeat(effort[:, None], 2, axis=1)),
         np.zeros((N, n, 3)) if drag_W is None else _ready(drag_W),
     )
 

@@ -1,7 +1,7 @@
 """One search that begins with a grasp, from one start; and further starts, where a grasp nearly lasts to the end.
 
-A grasp that lasts for the whole motion spares all regrasps, for which a hand of few fingers may have none free. Starts
-that differ a little differ much in it.
+A grasp that lasts for the whole motion spares all regrasps, for which a hand of few fingers may have none free; one
+whose fingers stay that it cannot spare leaves regrasps to the others. Starts that differ a little differ much in both.
 """
 
 from __future__ import annotations
@@ -9,15 +9,17 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning import approach, grasp, start, steps
+from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.object_path import still
 from drake_hand.planning.park import park
 from drake_hand.planning.problem import Problem
+from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import Node, by_finger
 from drake_hand.planning.turns import Attempt
@@ -26,6 +28,8 @@ from drake_hand.plans.task import Grasp, Step, Task
 STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
+USABLE_TICKS = 8
+"""Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
 
 def from_start(
@@ -44,7 +48,8 @@ def from_start(
     roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power", then=sets)
     search = Search(moves=moves, able=lambda x: closed(problem, builder.copy(), x), progress=problem.progress)
     search.begin(roots)
-    return Attempt(task=task, builder=builder, search=search)
+    staying = float(grasp.staying(moves, roots[:1])[0])
+    return Attempt(task=task, builder=builder, search=search, staying=staying)
 
 
 def closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
@@ -61,10 +66,36 @@ def named_fingers(problem: Problem, wanted: Grasp) -> frozenset[int] | None:
     return frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
 
 
+def gait_of(problem: Problem, attempt: Attempt) -> Node | None:
+    """The end of a gait of equal strokes, where the path turns a symmetric object far enough for one."""
+    table = _turned(problem, attempt)
+    if table is None:
+        return None
+    moves = attempt.search.moves
+    with problem.stage("gait"):
+        fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE_TICKS]
+        return gait.propose(table, fingers, moves, by_finger(problem.hand, attempt.builder.q), attempt.search.able)
+
+
+def _turned(problem: Problem, attempt: Attempt) -> ReachTable | None:
+    """What fingers can reach of a symmetric object that is turned; None of others."""
+    path = attempt.search.moves.path
+    if path.axis_W is None or path.ticks <= max(gait.STROKE_TICKS):
+        return None
+    table = ReachTable(problem.clearance, path, attempt.task.options.model)
+    return table if table.symmetric else None
+
+
 def lasts_longest(free: list[Attempt]) -> Attempt | None:
     """That whose grasps last longest, if it is for much of the motion."""
     best = max(free, key=lambda x: x.search.lasting, default=None)
     return None if best is None or best.search.lasting < NEARLY_LASTING_SHARE else best
+
+
+def _stays_longest(free: list[Attempt]) -> Attempt | None:
+    """The most promising, if the fingers that it cannot spare stay for much of the motion, but not to the end."""
+    best = max(free, key=lambda x: x.promise, default=None)
+    return best if best is not None and NEARLY_LASTING_SHARE <= best.staying < 1.0 else None
 
 
 def starts_beside(
@@ -94,22 +125,37 @@ def starts_beside(
 def further_starts(
     problem: Problem, tasks: list[Task], free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
 ) -> Iterator[Attempt | None]:
-    """Searches from further starts, those offered and then such beside the best, if a grasp lasts to the end there.
+    """Searches from further starts, those offered and then such beside the best, where one of them promises more.
 
-    Between rounds of searches that find it hard to lift a finger, this is an answer that needs no regrasp. There is no
-    such start where no grasp nearly lasts.
+    A grasp lasts to the end there, or the fingers that it cannot spare stay longer than those of all before, or there
+    is a gait. Looked for between rounds of searches that find it hard to lift a finger. There are none where no grasp
+    nearly lasts, and no gait can be.
     """
     rng = np.random.default_rng([problem.task.options.seed, 1])  # not the starts that `starts_beside` tried
-    best = lasts_longest(free)
-    if best is None:
-        return
-    beside = (start.close_by(best.task, problem.clearance, rng) for _ in itertools.count())
-    for task in itertools.chain(tasks, beside):
+    lasting, staying = lasts_longest(free), _stays_longest(free)
+    turned = bool(free) and _turned(problem, free[0]) is not None
+
+    def beside() -> Iterator[Task]:
+        for k in itertools.count():
+            best = lasting if staying is None or (lasting is not None and k % 2 == 0) else staying
+            if best is None:
+                return
+            yield start.close_by(best.task, problem.clearance, rng)
+
+    offered = tasks if turned or lasting is not None or staying is not None else []
+    for task in itertools.chain(offered, beside()):
         try:
             with problem.stage("grasp"):
                 found = from_start(problem, task, problem.builder(task), wanted, moving, then)
         except NoPlanFound:
-            found = None
-        if found is not None and found.search.lasting > best.search.lasting:
-            best = found
-        yield found if found is not None and found.search.straight else None
+            yield None
+            continue
+        if lasting is not None and found.search.lasting > lasting.search.lasting:
+            lasting = found
+        joins = found.search.straight
+        if staying is not None and found.promise > staying.promise:
+            staying, joins = found, True
+        if turned and not joins and (end := gait_of(problem, found)) is not None:
+            found, joins = replace(found, gait=end), True
+            found.search.begin([end])
+        yield found if joins else None

@@ -26,14 +26,13 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.kernels.hold import SERVO_ROOM_RAD
 from drake_hand.planning.knots import finer, rests, with_ramps
 from drake_hand.planning.slide import directions
 from drake_hand.plans.path import Leg
 
 SLIDING_FORCE_N = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
-SERVO_ROOM_RAD = np.radians(0.5)
-"""Kept from joint limits by forces, for what the pads' compression adds to the command."""
 INTERPOLATION_LOSS_M = 0.6e-4
 """Torque that may be lost between knots, in weights of the object times m: a third of the certificate's tolerance."""
 TORSION_PASSES, TORSION_SHARES = 4, (0.6, 1.15)

@@ -36,7 +36,7 @@ AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 LOOKAHEAD_STEPS = 40
 """How far their contacts are followed along the nominal path, coarse steps."""
 LASTING_SCORE = 3.0
-"""What it counts for that none of their fingers has to let go on the path."""
+"""What it counts for that none of their fingers has to let go on the path, or none that they cannot spare."""
 HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
 ROOT_GRASPS = 60
@@ -87,8 +87,8 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     reached = {f: moves.contacts(f, X)[0] for f in fingers}
     unable = [f for f in fingers if not len(reached[f])]
     if unable and (every or len(unable) == len(fingers)):
-        names = ", ".join(hand.fingers[f].name for f in unable)
-        raise fail(f"no point of the object is within reach of {names}", "out of reach", unable[0])
+        names, why = ", ".join(hand.fingers[f].name for f in unable), moves.out_of_reach(unable[0], X)
+        raise fail(f"{names} cannot touch the object anywhere ({why})", why, unable[0])
     posture, touching, lasts = _drawn(moves, q, reached, every)
     modes = {tuple(row) for row in np.unique(touching, axis=0).tolist()}
     able = {row: moves.allowed(frozenset(np.flatnonzero(row).tolist())) for row in modes}
@@ -121,10 +121,24 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
         for x, share in zip(out, _handed_over(moves, X, posture[clear], touching[clear], others), strict=True):
             x.score += HAND_OVER_SCORE * share
     rank = [
-        (-int(x.touching.sum()) if most else 0, -x.score - LASTING_SCORE * lasts[i])
-        for i, x in zip(clear, out, strict=True)
+        (-int(x.touching.sum()) if most else 0, -x.score - LASTING_SCORE * (lasts[i] + stays) / 2)
+        for i, x, stays in zip(clear, out, staying(moves, out), strict=True)
     ]
     return [out[k] for k in sorted(range(len(out)), key=lambda k: rank[k])][:ROOT_GRASPS]
+
+
+def staying(moves: Moves, grasps: list[Node]) -> np.ndarray:
+    """(N,) share of the nominal path for which evaluated grasps keep the contacts of fingers that they cannot spare.
+
+    The others can be lifted on the way. A thumb that opposes all other fingers never can: the object gets no farther
+    than the contact of the thumb does, give or take the corridor.
+    """
+    (way, steps), out = _whole_way(moves), np.ones(len(grasps))
+    row, finger = np.nonzero(np.stack([x.touching & ~x.liftable for x in grasps]))
+    q = np.stack([x.q for x in grasps])[row, finger]
+    lasting = moves.lasting(finger, q, np.repeat(way[None], len(row), axis=0), steps)
+    np.minimum.at(out, row, lasting / steps)
+    return out
 
 
 def _handed_over(

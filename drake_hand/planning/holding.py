@@ -43,9 +43,10 @@ class Equilibrium:
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.spin_arm = spin_arm(hand.pad, np.array([f.radius for f in hand.fingers]), friction)
         """Torque of contacts that spin over their normal force, by finger, m."""
-        self.effort = np.full((len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
+        self.effort, self.stiffness = np.full((2, len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]
+            self.stiffness[i, : len(finger.joints)] = hand.stiffness[finger.columns]
 
     def wanted(self, hand: Hand, J_WP: np.ndarray, n_W: np.ndarray) -> np.ndarray:
         """Normal forces to plan for: a tip this stiff still touches when the object is `POSE_ERROR_M` farther away.

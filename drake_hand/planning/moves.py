@@ -13,7 +13,7 @@ import numpy as np
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code
 from drake_hand.planning.kernels import clear, hold, stroke, transit
-from drake_hand.planning.kernels.world import Load, World
+from drake_hand.planning.kernels.world import END, END_WORDS, REACH, Load, World
 from drake_hand.planning.object_path import TICK_DEG, TICK_M, ObjectPath
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import Grid, split
@@ -119,16 +119,31 @@ class Moves:
         return length
 
     def contacts(self, finger: int, X: np.ndarray, some: int | None = None) -> tuple[np.ndarray, ...]:
-        """Contacts within reach, of all points of the grid or of some at random: q (N, m), p_WP and n_W (N, 3)."""
+        """Contacts a finger can make, of all points of the grid or of some at random: q (N, m), p_WP and n_W (N, 3).
+
+        They are within reach, and the finger is clear of the object and of what stands still.
+        """
+        *found, why = self._tried(finger, X, some)
+        q, p_WP, n_W = (x[why == END] for x in found)
+        return q, p_WP, n_W
+
+    def out_of_reach(self, finger: int, X: np.ndarray) -> str:
+        """What keeps a finger from most of the grid's points within its reach; that none is, where none is."""
+        why = self._tried(finger, X, None)[-1]
+        counts = np.bincount(why, minlength=len(END_WORDS))[:REACH]
+        return END_WORDS[int(counts.argmax()) if counts.any() else REACH]
+
+    def _tried(self, finger: int, X: np.ndarray, some: int | None) -> tuple[np.ndarray, ...]:
+        """Postures (N, m), points and normals (N, 3) in W, and what `transit.contacts` says of them (N,)."""
         points, normals = self.grid.points, self.grid.normals
         if some is not None and some < len(points):
             pick = self.rng.integers(0, len(points), some)
             points, normals = points[pick], normals[pick]
         N, m = len(points), self.world.chains.lower.shape[1]
-        q, p_WP, n_W, able = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=bool)
+        q, p_WP, n_W, why = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=np.int64)
         seeds = self.grid.seeds[finger]
-        transit.contacts(self.world, finger, seeds, points, normals, X, q, p_WP, n_W, able)
-        return q[able], p_WP[able], n_W[able]
+        transit.contacts(self.world, finger, seeds, points, normals, X, q, p_WP, n_W, why)
+        return q, p_WP, n_W, why
 
     def clear(self, X: np.ndarray, q: np.ndarray, touching: np.ndarray) -> np.ndarray:
         """(N,) whether hands (N, n, m) that touch (N, n) are clear of everything, the object at X (3, 4)."""

@@ -6,6 +6,7 @@ by finger, in one batch over a grid of contacts on the surface.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from drake_hand.contact.submodel import Model
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import transit
 from drake_hand.planning.kernels.holds import held_along
-from drake_hand.planning.kernels.world import END_WORDS
+from drake_hand.planning.kernels.world import END, END_WORDS, OBJECT
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.transit import LIFTS_M
 from drake_hand.planning.world import seeds, split, world
@@ -113,16 +114,15 @@ class ReachTable:
     def _compute(self, finger: int, tick: int) -> list[ContactSpan]:
         w, X, r = self.world, np.ascontiguousarray(self.path.X_WO[tick, :3]), self.world.chains.radius[finger]
         N, m = len(self._points), self._waiting.shape[1]
-        q, p_WP, n_W, able = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=bool)
+        q, p_WP, n_W, kept = np.zeros((N, m)), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=np.int64)
         near = seeds(self.clearance, finger, m)
-        transit.contacts(w, finger, near, self._points, self._normals, X, q, p_WP, n_W, able)
+        transit.contacts(w, finger, near, self._points, self._normals, X, q, p_WP, n_W, kept)
         # Where the surface is hollow a tip that touches one side may be inside another.
-        able &= self.clearance.surface.closest(self._points + r * self._normals)[2] > r - 1e-5
+        inside = self.clearance.surface.closest(self._points + r * self._normals)[2] <= r - 1e-5
+        kept[inside & (kept == END)] = OBJECT
+        able = kept == END
         found, why = self._lasting(finger, tick, q[able], n_W[able], height=LIFTS_M[0])
-        counts = {"out of reach": int((~able).sum())}
-        for word in why:
-            counts[word] = counts.get(word, 0) + 1
-        self.limits[finger, tick] = counts
+        self.limits[finger, tick] = dict(Counter([*why, *(END_WORDS[x] for x in kept[~able])]))
         return sorted(found, key=lambda h: -len(h.q))
 
     def _lasting(

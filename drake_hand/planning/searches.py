@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning import gait, grasp
-from drake_hand.planning.attempts import closed, from_start, further_starts, named_fingers, starts_beside
+from drake_hand.planning import grasp
+from drake_hand.planning.attempts import closed, from_start, further_starts, gait_of, named_fingers, starts_beside
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
@@ -24,10 +24,9 @@ from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.period import Period
 from drake_hand.planning.problem import Problem
-from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Search
 from drake_hand.planning.shorten import shortened
-from drake_hand.planning.state import Node, by_finger
+from drake_hand.planning.state import Node
 from drake_hand.planning.stuck import carried_on
 from drake_hand.planning.turns import Attempt, in_turn
 from drake_hand.planning.world import at_once
@@ -47,8 +46,6 @@ SHORTENED_SHARE = 2 / 3
 """A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
 HAND_OVER_EXPANSIONS = 200
 """Expansions after which the object is handed over from another grasp instead."""
-USABLE_TICKS = 8
-"""Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
 
 def from_grasps(
@@ -97,7 +94,7 @@ def from_grasps(
 
 
 def _most_promising_first(free: list[Attempt]) -> None:
-    free.sort(key=lambda x: (not x.search.straight, -x.search.farthest.score))  # type: ignore[union-attr]
+    free.sort(key=lambda x: (not x.search.straight, -x.promise))
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
@@ -174,7 +171,8 @@ def _in_turn(
         if done is None:
             return
         for x, end in done:
-            yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, 1.0))
+            share = SHORTENED_SHARE if end is x.gait else 1.0
+            yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, share))
 
 
 def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoPlanFound:
@@ -204,25 +202,9 @@ def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Nod
         enough = len(found) >= GAITS_WANTED or any(end.regrasps <= few for _, end in found)
         if (k >= GAIT_STARTS and enough) or time.monotonic() > problem.deadline:
             break
-        if (end := _gait(problem, x)) is not None:
+        if (end := gait_of(problem, x)) is not None:
             found.append((x, end))
     return sorted(found, key=lambda pair: pair[1].regrasps)
-
-
-def _gait(problem: Problem, attempt: Attempt) -> Node | None:
-    """The end of a periodic gait, where the path turns a symmetric object far enough for one."""
-    task, builder, search = attempt.task, attempt.builder, attempt.search
-    moves = search.moves
-    path = moves.path
-    if path.axis_W is None or path.ticks <= max(gait.STROKE_TICKS):
-        return None
-    with problem.stage("gait"):
-        q = by_finger(problem.hand, builder.q)
-        table = ReachTable(problem.clearance, path, task.options.model)
-        if not table.symmetric:
-            return None
-        fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE_TICKS]
-        return gait.propose(table, fingers, moves, q, search.able)
 
 
 def _shortened(problem: Problem, attempt: Attempt, end: Node, share: float) -> Node:

@@ -26,7 +26,7 @@ from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 POSES_DRAWN = 400
 """Poses drawn before the first, coarse choice."""
-POSES_OFFERED = 40
+POSES_OFFERED = 80
 """Of those, poses that are offered."""
 _PATH_POSES = 9
 """Poses along the path at which the object is to be clear of the palm; at the first, middle and last reach counts."""

@@ -144,6 +144,7 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
             preload=float(holding.preload),
             dexterity=LEAST_DEXTERITY_M_PER_RAD,
             effort=holding.effort,
+            stiffness=holding.stiffness,
         )
     return kernels.Load(
         kinematic=True,
@@ -156,6 +157,7 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
         preload=0.0,
         dexterity=0.0,
         effort=np.ones((1, 1)),
+        stiffness=np.ones((1, 1)),
     )
 
 

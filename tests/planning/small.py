@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -145,6 +146,14 @@ def margins(holding: Equilibrium, sets: ContactSets, slip_W: np.ndarray | None =
     capacity = Capacity(friction=holding.friction, torsion_radius=holding.torsion_radius, effort=holding.effort)
     drags = [None] if slip_W is None else [holding.sliding_friction * slip_W, 1e-3 * slip_W]
     return np.min([least_forces(sets, capacity, holding.force_W, x) for x in drags], axis=0) - holding.preload
+
+
+def roomy(m: Moves) -> Moves:
+    """Moves with joints that are nowhere near their limits, where servos press as hard as `margins` takes them to."""
+    chains = m.world.chains
+    return replace(
+        m, world=m.world._replace(chains=chains._replace(lower=chains.lower - 1.0, upper=chains.upper + 1.0))
+    )
 
 
 def counted(sets: ContactSets, min_contacts: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.kernels import hold, stroke, transit, world
 from drake_hand.planning.kernels.pose import log
-from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
+from drake_hand.planning.kernels.world import BALANCE, EDGE, END, END_WORDS, FINGERS, LIMIT, OBJECT, REACH
 from drake_hand.planning.switches import _rises, draw_retreats, draw_switches, path_pieces
 from drake_hand.planning.transit import LIFTS_M, MOVING_CLEARANCE_M, TRAVEL_STEP_RAD, Surroundings
 from drake_hand.planning.world import load_on_hand
@@ -93,15 +93,21 @@ def test_contacts_roll_as_they_do_by_the_plain_formulas(object_):
 def pinched():
     """Moves of a pencil between the quartet's fingers along and about it, and many grasps, not all of which hold."""
     m = moves("quartet", "pencil_r8", path("quartet", move(12.0, 4.0, 0.0), turn(20.0)))
-    X = np.ascontiguousarray(m.path.X_WO[0, :3])
-    rng = np.random.default_rng(1)
-    q0 = np.repeat(waiting("quartet")[None], 400, axis=0)
-    touching = rng.random((400, 4)) < 0.8
-    for f in range(4):
-        q = m.contacts(f, X)[0]
-        q0[touching[:, f], f] = q[rng.integers(0, len(q), touching[:, f].sum())]
+    X, q0, touching = at_random(m, "quartet", 400)
     fine = m.clear(X, q0, touching)
     return m, X, q0[fine], touching[fine]
+
+
+def at_random(m, hand, many):
+    """The first pose of a path, and postures and contacts of so many grasps, whether they hold and are clear or not."""
+    X = np.ascontiguousarray(m.path.X_WO[0, :3])
+    rng = np.random.default_rng(1)
+    q0 = np.repeat(waiting(hand)[None], many, axis=0)
+    touching = rng.random((many, q0.shape[1])) < 0.8
+    for f in range(q0.shape[1]):
+        q = m.contacts(f, X)[0]
+        q0[touching[:, f], f] = q[rng.integers(0, len(q), touching[:, f].sum())]
+    return X, q0, touching
 
 
 def test_whole_hands_said_to_be_clear_are(pinched):
@@ -123,7 +129,7 @@ def test_a_stroke_ends_where_something_comes_too_near(pinched):
 
 def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
     m, X, q0, touching = pinched
-    N = len(q0)
+    N, near = len(q0), small.roomy(m).world
     weighs = equilibrium("quartet", "pencil_r8")
     for load_, asked in (
         (load_on_hand(weighs, 0), partial(small.margins, weighs)),
@@ -132,7 +138,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
         margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
         XX = np.repeat(X[None], N, axis=0)
         hold.held_without(
-            m.world,
+            near,
             load_,
             XX,
             q0,
@@ -175,14 +181,15 @@ def test_a_finger_that_cannot_be_commanded_every_way_does_not_hold(pinched):
 
 
 def test_a_stroke_ends_where_its_contacts_hold_no_longer():
-    """A pencil turned out of the horizontal: what holds it lying may not hold it askew."""
-    way = path("quartet", move(0.0, 0.0, 30.0))
-    holding = equilibrium("quartet", "pencil_r8", preload=0.35)
-    m = moves("quartet", "pencil_r8", way, holding)
+    """What holds a cube lying may not hold it turned."""
+    way = path("quartet", turn(40.0))
+    holding = equilibrium("quartet", "cube", preload=0.35)
+    m = moves("quartet", "cube", way, holding)
     states = grasp.roots(m, waiting("quartet"), every=False, most=False)
     q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
+    m = small.roomy(m)
     load_ = m.load._replace(spin_arm=np.zeros(4))  # `margins` knows nothing of pads that are twisted already
-    limp = equilibrium("quartet", "pencil_r8", preload=0.35)
+    limp = equilibrium("quartet", "cube", preload=0.35)
     limp.torsion_radius = 0.0
     q, length, why, _ = carried(m, q0, touching, load_)
     ended = np.flatnonzero(why == BALANCE)
@@ -216,7 +223,7 @@ def test_pads_twist_as_they_do_by_the_plain_formulas():
             plain = twisted(turns(R_WT[:, None]), turns(R_WO[:, None]), -nhat_W[:, None], on)[:, 0]
             s.spin[:] = 0.0
             for k in range(1, len(plain)):
-                hold.contact_at(m.world, f, q[i, k, f], X[k], s)
+                hold.contact_at(m.world, m.load, f, q[i, k, f], X[k], s)
                 log(X[k - 1], X[k], turned)
                 hold.twists(m.world, f, q[i, k, f], q[i, k - 1, f], turned, s)
                 assert s.spin[f] == pytest.approx(plain[k], abs=0.02)
@@ -225,13 +232,14 @@ def test_pads_twist_as_they_do_by_the_plain_formulas():
 
 
 def test_contacts_that_rub_hold_less_far():
-    way = path("kanguera", turn(30.0))
-    holding = equilibrium("kanguera", "cube")
-    m = moves("kanguera", "cube", way, holding)
-    states = grasp.roots(m, waiting("kanguera"), every=False, most=False)
+    way = path("quartet", turn(40.0))
+    holding = equilibrium("quartet", "cube")
+    m = moves("quartet", "cube", way, holding)
+    states = grasp.roots(m, waiting("quartet"), every=False, most=False)
     q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
+    m = small.roomy(m)
     _, rubs, why, _ = carried(m, q0, touching, m.load)
-    _, sticks, _, _ = carried(m, q0, touching, m.load._replace(spin_arm=np.zeros(5)))
+    _, sticks, _, _ = carried(m, q0, touching, m.load._replace(spin_arm=np.zeros(4)))
     assert (rubs <= sticks).mean() > 0.9, "now and then it helps"
     assert (rubs[why == BALANCE] < sticks[why == BALANCE]).any()
 
@@ -240,17 +248,56 @@ def test_contacts_that_rub_hold_less_far():
 def test_what_is_within_reach_is_what_inverse_kinematics_reaches(hand, object_):
     m, c = moves(hand, object_, path(hand, turn(5.0))), clearance(hand, object_)
     X, points, normals = np.ascontiguousarray(m.path.X_WO[0, :3]), m.grid.points, m.grid.normals
+    blocked = 0
     for f, kin in enumerate(c.kinematics):
         N = len(points)
-        q, able = np.zeros((N, m.world.chains.lower.shape[1])), np.zeros(N, dtype=bool)
+        q, why = np.zeros((N, m.world.chains.lower.shape[1])), np.zeros(N, dtype=np.int64)
         p_W, n_W = np.zeros((2, N, 3))
-        transit.contacts(m.world, f, m.grid.seeds[f], points, normals, X, q, p_W, n_W, able)
+        transit.contacts(m.world, f, m.grid.seeds[f], points, normals, X, q, p_W, n_W, why)
+        reached, able = why != REACH, why == END
         np.testing.assert_allclose(p_W, points @ X[:, :3].T + X[:, 3], atol=1e-12)
         centres = p_W + kin.finger.radius * n_W
-        assert np.mean(able == (kin.ik(centres)[1] < 1e-5)) > 0.98
+        assert np.mean(reached == (kin.ik(centres)[1] < 1e-5)) > 0.98
         there = q[able, : len(kin.lower)]
         np.testing.assert_allclose(kin.fk(there)[0], centres[able], atol=1e-5)
         assert ((there >= kin.lower) & (there <= kin.upper)).all()
+        waits = [c.centres(f, x[None]) for x in q[reached, : len(kin.lower)]]
+        X_WO = np.vstack([X, [0.0, 0.0, 0.0, 1.0]])
+        off = [min(c.to_palm(f, x)[0], c.to_object(f, x, X_WO, tip=False)[0]) for x in waits]
+        np.testing.assert_array_equal(np.array(off) >= CLEARANCE_M, able[reached])
+        blocked += (reached & ~able).sum()
+    assert blocked > 0
+
+
+def test_a_servo_near_its_joint_s_limit_presses_no_harder_than_it_can_be_commanded():
+    m = moves("trio", "cube", path("trio", turn(5.0)))
+    X, kin, s = np.ascontiguousarray(m.path.X_WO[0, :3]), m.clearance.kinematics[0], world.scratch(m.world)
+    full, stiffness = m.load.effort[0], m.load.stiffness[0]
+    for short in (0.1, 0.5, 0.9):
+        q = kin.upper - short * full / stiffness - hold.SERVO_ROOM_RAD
+        hold.contact_at(m.world, m.load, 0, q, X, s)
+        np.testing.assert_allclose(s.effort[0, 0], short * full)
+        np.testing.assert_allclose(s.effort[0, 1], full)
+    hold.contact_at(m.world, m.load, 0, kin.lower, X, s)
+    np.testing.assert_allclose(s.effort[0], [full, np.full(len(full), hold.LEAST_EFFORT_NM)])
+
+
+def test_grasps_that_press_against_limits_hold_less():
+    """Between what holds where servos need no room, and what holds with the lesser effort of both ways."""
+    m = moves("quartet", "cube", path("quartet", turn(5.0)))
+    X, q0, touching = at_random(m, "quartet", 1000)
+    XX, out = np.repeat(X[None], len(q0), axis=0), np.zeros((2, len(q0), 5))
+    p_OP, n_W = np.zeros((2, len(q0), 4, 3))
+    for near, margins in zip((small.roomy(m).world, m.world), out, strict=True):
+        hold.held_without(near, m.load, XX, q0, touching, margins, p_OP, n_W)
+    ample, told = np.minimum(out[:, :, 4], hold.COUNTED_MARGIN_N)
+    assert (told <= ample + 1e-9).all()
+    assert ((ample >= 0) & (told < 0)).any()
+    sets, holding, chains = as_sets(m.clearance, XX, q0, touching), equilibrium("quartet", "cube"), m.world.chains
+    for i in np.flatnonzero((ample >= 0) & (ample < hold.COUNTED_MARGIN_N)):
+        room = np.minimum(chains.upper - q0[i], q0[i] - chains.lower) - hold.SERVO_ROOM_RAD
+        holding.effort = np.clip(m.load.stiffness * room, hold.LEAST_EFFORT_NM, m.load.effort)
+        assert told[i] >= small.margins(holding, sets[i : i + 1])[0] - 1e-6
 
 
 def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_clear():

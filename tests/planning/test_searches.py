@@ -1,5 +1,6 @@
 """From how many starts searches and gaits begin, and which gait is taken."""
 
+import itertools
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -45,7 +46,7 @@ def problem_of(start: object) -> SimpleNamespace:
 )
 def test_gaits_are_looked_for_until_one_is_good(monkeypatch, regrasps, taken, looked_at):
     looked = []
-    monkeypatch.setattr(searches, "_gait", lambda problem, x: looked.append(x) or x.gait)
+    monkeypatch.setattr(searches, "gait_of", lambda problem, x: looked.append(x) or x.gait)
     found = searches._gaits(ENDLESS, attempts(360.0, regrasps))
     assert (found[0][1].regrasps if found else None) == taken
     assert len(looked) == looked_at
@@ -57,8 +58,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     def grasps(problem, task, *_):
         if task % 2:
             raise NoPlanFound("out of reach")
-        farthest = SimpleNamespace(score=0.0)
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=farthest, straight=False))
+        return SimpleNamespace(task=task, promise=0.0, search=SimpleNamespace(straight=False))
 
     begun = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -75,9 +75,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
 )
 def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeypatch, lasting, begun):
     def grasps(problem, task, *_):
-        return SimpleNamespace(
-            task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=task in lasting)
-        )
+        return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=task in lasting))
 
     some = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -114,32 +112,65 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
     assert beside == best, "each step is taken from the best so far"
 
 
+def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False):
+    """Further starts by number (those beside others from 10, the third none), and what they were begun beside."""
+
+    def attempt(problem, k: int, *_) -> Attempt:
+        if k == 3:
+            raise NoPlanFound("out of reach")
+        search = SimpleNamespace(
+            lasting=lasting.get(k, 0.0),
+            straight=lasting.get(k) == 1.0,
+            starts=[SimpleNamespace(score=promise.get(k, 0.0))],
+            begin=begun.append,
+        )
+        return Attempt(task=k, builder=None, search=search, staying=staying.get(k, 0.0))
+
+    beside, begun = [], []
+    monkeypatch.setattr(attempts_, "from_start", attempt)
+    monkeypatch.setattr(attempts_, "_turned", lambda *_: turned or None)
+    monkeypatch.setattr(attempts_, "gait_of", lambda problem, x: f"gait {x.task}" if x.task in gaits else None)
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
+    more = attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(None, 0)], Grasp(), [], [])
+    return more, beside, begun
+
+
 def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_lasting_ones_join(monkeypatch):
     lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 1.0, 12: 0.9, 13: 0.9}
-
-    def attempt(k: int) -> SimpleNamespace:
-        return SimpleNamespace(task=k, search=SimpleNamespace(lasting=lasting[k], straight=lasting[k] == 1.0))
-
-    def begin(problem, task, *_):
-        if task == 3:
-            raise NoPlanFound("out of reach")
-        return attempt(task)
-
-    beside = []
-    monkeypatch.setattr(attempts_, "from_start", begin)
-    monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
-    more = attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(0)], Grasp(), [], [])
-    joined = [x and x.task for x in (next(more) for _ in range(7))]
-    assert joined == [None, None, None, None, 11, None, None]
+    more, beside, _ = further(monkeypatch, lasting, {}, {})
+    assert [x and x.task for x in itertools.islice(more, 7)] == [None, None, None, None, 11, None, None]
     assert beside == [2, 2, 11, 11], "the best so far"
-    lasting[0] = attempts_.NEARLY_LASTING_SHARE - 0.01
-    assert list(attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(0)], Grasp(), [], [])) == []
+
+
+def test_there_are_no_further_starts_where_nothing_nearly_lasts_and_there_is_no_gait(monkeypatch):
+    little = attempts_.NEARLY_LASTING_SHARE - 0.01
+    assert list(further(monkeypatch, {0: little}, {}, {0: little})[0]) == []
+
+
+def test_starts_whose_fingers_stay_longer_join_and_are_begun_beside_in_turn(monkeypatch):
+    """A grasp that lasts longest is not the one that promises most; each is bettered by starts beside it."""
+    more, beside, _ = further(
+        monkeypatch,
+        {0: 0.5, 2: 0.6, 10: 0.7},
+        promise={0: 1.0, 1: 1.0, 2: 0.5, 10: 0.2, 11: 1.1, 13: 0.9},
+        staying={0: 0.6, 1: 0.7, 11: 0.7, 13: 0.9},
+    )
+    assert [x and x.task for x in itertools.islice(more, 7)] == [1, None, None, None, 11, None, 13]
+    assert beside == [2, 1, 10, 11]
+
+
+def test_starts_with_a_gait_join_with_its_end_to_start_from(monkeypatch):
+    more, beside, begun = further(monkeypatch, {}, {}, {}, gaits=(2,), turned=True)
+    first, second, *rest = more
+    assert first is None
+    assert (second.task, second.gait, begun) == (2, "gait 2", [["gait 2"]])
+    assert (rest, beside) == ([None], [])
 
 
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):
-        return SimpleNamespace(task=task, search=SimpleNamespace(farthest=SimpleNamespace(score=task), straight=lasts))
+        return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=lasts))
 
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -165,8 +196,8 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
     def attempt(task: int, **search) -> SimpleNamespace:
         """Of a start with a grasp that so many fingers can leave."""
-        search = SimpleNamespace(farthest=SimpleNamespace(score=0.0), straight=False, **search)
-        return SimpleNamespace(task=task, search=search, ease=task)
+        search = SimpleNamespace(straight=False, **search)
+        return SimpleNamespace(task=task, promise=0.0, search=search, ease=task)
 
     begun = []
     monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))

@@ -46,7 +46,7 @@ def test_a_regrasp_that_nothing_needs_is_left_out():
 
 def test_a_slide_that_nothing_needs_is_left_out_and_another_finger_s_is_kept():
     """Fingers slide to where the motion can be made; a regrasp of another finger before it is not needed."""
-    m = moves("quartet", "cylinder", path("quartet", turn(60.0)))
+    m = moves("quartet", "cylinder", path("quartet", turn(90.0)))
     needless, kept = 0, 0
     for root in grasp.roots(m, waiting("quartet"), every=False, most=True):
         for f in np.flatnonzero(root.touching).tolist():

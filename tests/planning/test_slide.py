@@ -20,7 +20,7 @@ from drake_hand.planning.state import FingerSlide
 from drake_hand.planning.world import EDGE_M
 from drake_hand.plans.task import Grasp, Slide, Step, Task
 from drake_hand.plans.trajectory import Trajectory
-from tests.planning.small import as_sets, equilibrium, margins, moves, path, roots, turn
+from tests.planning.small import as_sets, equilibrium, margins, moves, path, roomy, roots, turn
 
 LONG = 6.0
 """mm."""
@@ -78,6 +78,7 @@ def ways():
     """Ways all round of every finger of some grasps, as far as they go."""
     holding = equilibrium("quartet", "pencil_r8")
     m = moves("quartet", "pencil_r8", path("quartet", turn(60.0)), holding)
+    m = roomy(m)
     angle = np.radians(45.0) * np.arange(8)
     found = []
     for x in roots(m)[:15]:
@@ -131,14 +132,15 @@ def test_a_slide_goes_on_for_as_long_as_the_object_is_held_with_all_friction_and
 def test_nothing_slides_over_an_edge():
     m = moves("trio", "cube", path("trio", turn(20.0)))
     ended = 0
-    for x in roots(m)[:10]:
+    for x in roots(m):
         for f in np.flatnonzero(x.touching).tolist():
-            steps = 1e-3 * np.arange(1, 31)[:, None] * [0.0, 1.0]
-            steps = np.concatenate([np.zeros((1, 2)), steps])
-            p_OP, n_O = m.clearance.surface.move(np.repeat(x.p_OP[f][None], len(steps), axis=0), steps)
-            _, length, why = slid(m, x, f, p_OP[None], n_O[None])
-            assert (m.clearance.surface.edge_distance(p_OP[: length[0] + 1]) >= EDGE_M).all()
-            ended += why[0] == EDGE
+            steps = 1e-3 * np.array([[[0.0, k * side] for k in range(31)] for side in (-1, 1)])
+            at = np.repeat(x.p_OP[f][None], 62, axis=0)
+            p_OP, n_O = (y.reshape(2, 31, 3) for y in m.clearance.surface.move(at, steps.reshape(-1, 2)))
+            _, length, why = slid(m, x, f, p_OP, n_O)
+            for points, k in zip(p_OP, length, strict=True):
+                assert (m.clearance.surface.edge_distance(points[: k + 1]) >= EDGE_M).all()
+            ended += (why == EDGE).sum()
     assert ended
 
 

@@ -19,7 +19,10 @@ _PIVOTS = 400
 
 @njit()
 def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag, spin, arm):
-    """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row."""
+    """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row.
+
+    Efforts (2, m) are those of positive and of negative torques.
+    """
     small = 0
     for x in range(1, 3):
         if abs(n[x]) < abs(n[small]):
@@ -50,7 +53,8 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
         T[top + j, column] = -1.0
         load = f_max_inverse
         for y in range(J.shape[1]):
-            load = max(load, abs(J[0, y] * fx + J[1, y] * fy + J[2, y] * fz) / effort[y])
+            torque = J[0, y] * fx + J[1, y] * fy + J[2, y] * fz
+            load = max(load, torque / effort[0, y] if torque > 0.0 else -torque / effort[1, y])
         T[top + c + j, column] = load
 
 
@@ -188,7 +192,7 @@ def margin(
 
 @njit(
     "f8[::1](f8[:, :, ::1], f8[:, :, ::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8,"
-    "f8[:, :, :, ::1], f8[:, ::1], f8[:, :, ::1])"
+    "f8[:, :, :, ::1], f8[:, :, ::1], f8[:, :, ::1])"
 )
 def margins_of(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max_inverse, J, effort, drag):
     """`equilibrium.margins`; normals (N, k, 3) point into the object, forces are limited to 1 / `f_max_inverse`."""

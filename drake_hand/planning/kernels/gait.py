@@ -20,7 +20,7 @@ _POOLS = (int64[::1], float64[:, :, :, ::1], float64[:, :, :, ::1], float64[:, :
 
 
 @njit()
-def _take(fingers, p, n, J, row, stepped, without, s, mask):
+def _take(load, fingers, p, n, J, row, stepped, without, s, mask):
     """Takes the contacts of a row: at the base those that have stepped back (bits), at the end the others."""
     for slot in range(len(fingers)):
         f, e = fingers[slot], 1 - ((stepped >> slot) & 1)
@@ -29,12 +29,15 @@ def _take(fingers, p, n, J, row, stepped, without, s, mask):
             s.P[f, i], s.N[f, i] = p[slot, row[slot], e, i], -n[slot, row[slot], e, i]
             for j in range(s.JP.shape[2]):
                 s.JP[f, i, j] = J[slot, row[slot], e, i, j]
+        if not load.kinematic:
+            for j in range(s.JP.shape[2]):
+                s.effort[f, 0, j] = s.effort[f, 1, j] = load.effort[f, j]
 
 
 @njit()
 def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask, enough):
     """Of a row with some fingers stepped back (bits), without one slot (-1: with all); up to `enough`, see `held`."""
-    _take(fingers, p, n, J, row, stepped, without, s, mask)
+    _take(load, fingers, p, n, J, row, stepped, without, s, mask)
     return held(w, load, mask, X, s, enough + _MORE_N)
 
 

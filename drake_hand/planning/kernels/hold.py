@@ -19,10 +19,14 @@ from drake_hand.plans.tolerances import TWIST_RAD
 
 COUNTED_MARGIN_N = 0.3
 """Margin up to which more is better, N."""
+SERVO_ROOM_RAD = math.radians(0.5)
+"""Kept from joint limits by forces, for what the pads' compression adds to the command."""
+LEAST_EFFORT_NM = 1e-9
+"""Of a joint at its limit, Nm: next to none."""
 
 
 @njit()
-def contact_at(w, f, q, X, s):
+def contact_at(w, load, f, q, X, s):
     """Takes finger f's contact with the object at X (3, 4) into the scratch's set of contacts."""
     at = touch(w.chains, w.object, f, q, X, s.p, s.R)
     r = w.chains.radius[f]
@@ -30,6 +34,12 @@ def contact_at(w, f, q, X, s):
         s.N[f, i] = -at[6 + i]
         s.P[f, i] = at[i] - r * at[6 + i]
     jacobian(w.chains, f, s.p, s.R, s.P[f, 0], s.P[f, 1], s.P[f, 2], s.JP[f])
+    if not load.kinematic:
+        c = w.chains
+        for j in range(c.joints[f]):
+            for way, room in enumerate((c.upper[f, j] - q[j], q[j] - c.lower[f, j])):
+                most = load.stiffness[f, j] * (room - SERVO_ROOM_RAD)
+                s.effort[f, way, j] = max(min(load.effort[f, j], most), LEAST_EFFORT_NM)
     return at
 
 
@@ -90,7 +100,7 @@ def held(w, load, mask, X, s, enough):
             load.torsion_radius,
             0.0,
             s.JP,
-            load.effort,
+            s.effort,
             s.drag,
             s.spin,
             load.spin_arm,
@@ -126,7 +136,7 @@ def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
         for f in range(n):
             mask[f] = touching[i, f]
             if mask[f]:
-                at = contact_at(w, f, q0[i, f], X[i], s)
+                at = contact_at(w, load, f, q0[i, f], X[i], s)
                 for k in range(3):
                     p_OP[i, f, k], n_W[i, f, k] = at[3 + k], at[6 + k]
         margins[i, n] = held(w, load, mask, X[i], s, COUNTED_MARGIN_N)

@@ -11,6 +11,7 @@ from numba import boolean, float64, int64
 
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.geometry import edge_distance
+from drake_hand.contact.kernels.rolling import touch
 from drake_hand.planning.kernels.clear import clear_alone, place
 from drake_hand.planning.kernels.hold import contact_at, held
 from drake_hand.planning.kernels.stroke import MOST_STEP_RAD
@@ -23,6 +24,8 @@ LEAST_SLIP_SHARE = 0.3
 """Of the contact's way that the tip's material has to slide: one that rolls along has no direction of sliding."""
 HARDLY_ANY_FRICTION = 1e-3
 """Coefficient of a sliding contact with next to no friction."""
+MOST_GAP_M = 4e-5
+"""How far the tip may be off the surface halfway between two points, m: the certificate allows 1e-4."""
 MOST_TURN_COS = math.cos(math.radians(20.0))
 """How far the surface may turn from one point to the next."""
 
@@ -30,7 +33,7 @@ MOST_TURN_COS = math.cos(math.radians(20.0))
 @njit()
 def _drags(w, load, f, before, q, X, touching, way, s):
     """What is wrong with finger f sliding from posture `before` to q, its contact by `way` [m]; or `END`."""
-    contact_at(w, f, q, X, s)
+    contact_at(w, load, f, q, X, s)
     n, J = s.N[f], s.JP[f]
     for i in range(3):
         s.force[i] = 0.0
@@ -92,7 +95,7 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
     for j in range(len(q0)):
         place(w, j, q0[j], s)
         if touching[j]:
-            contact_at(w, j, q0[j], X, s)
+            contact_at(w, load, j, q0[j], X, s)
     for i in range(len(p_O)):
         q[i, 0] = q0[f]
         length[i], why[i] = 0, END
@@ -115,6 +118,9 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
             for j in range(c.joints[f]):
                 if abs(q[i, k, j] - q[i, k - 1, j]) > MOST_STEP_RAD:
                     why[i] = SINGULAR
+                s.half[j] = (q[i, k, j] + q[i, k - 1, j]) / 2
+            if abs(touch(c, w.object, f, s.half, X, s.p, s.R)[9] - r) > MOST_GAP_M:
+                why[i] = EDGE
             if why[i] == END and not clear_alone(w, f, q[i, k], True, X, s, w.clearance):
                 why[i] = FINGERS
             if why[i] == END:

@@ -27,6 +27,21 @@ MOST_STEP_CHANGE_RAD = 0.02
 """... and how much the step may change within one."""
 MOST_DRIFT_M = 2e-5
 """Drift in one step beyond which the surface is not smooth there, m."""
+MOST_ROLLED_M, MOST_ROLLED_RATIO = 2e-4, 3.0
+"""How far a contact point may go in one step: so far, m, and so many times as far as the tip."""
+
+
+@njit()
+def _jumps(before, A, after, B):
+    """Whether a contact point goes farther on the object than it rolls: from one side of a hollow to the other.
+
+    Its tip touches both there, and moves on smoothly.
+    """
+    x0, y0, z0 = into(A, before)
+    x1, y1, z1 = into(B, after)
+    tip_way = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
+    way = math.sqrt((after[3] - before[3]) ** 2 + (after[4] - before[4]) ** 2 + (after[5] - before[5]) ** 2)
+    return way > MOST_ROLLED_M + MOST_ROLLED_RATIO * tip_way
 
 
 @njit()
@@ -43,7 +58,8 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
     """
     c, m = w.chains, w.chains.joints[f]
     turn, shift = twist[:3], twist[3:]
-    at = touch(c, w.object, f, q, A, s.p, s.R)
+    before = touch(c, w.object, f, q, A, s.p, s.R)
+    at = before
     rates(c, f, s.p, s.R, at, A, turn, shift, w.pivot, s.J, s.rate)
     for j in range(m):
         s.half[j] = q[j] + s.rate[j] / 2
@@ -79,6 +95,8 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
         return SINGULAR
     if math.sqrt(x * x + y * y + z * z) > MOST_DRIFT_M or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
         return EDGE
+    if _jumps(before, A, at, B):
+        return EDGE
     for j in range(m):
         q[j] = s.half[j]
     return END
@@ -109,7 +127,7 @@ def _held_on_the_way(w, load, touching, q, X, a, b, turn, s):
     log(X[a], X[b], turn)
     for f in range(len(touching)):
         if touching[f]:
-            contact_at(w, f, q[b, f], X[b], s)
+            contact_at(w, load, f, q[b, f], X[b], s)
             twists(w, f, q[b, f], q[a, f], turn, s)
     return held(w, load, touching, X[b], s, 0.0) >= 0
 

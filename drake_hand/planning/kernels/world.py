@@ -17,8 +17,8 @@ from drake_hand.contact.kernels.geometry import ShapeArrays, no_shapes
 from drake_hand.contact.kernels.rolling import Chains
 from drake_hand.planning.kernels.hulls import Hulls
 
-END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING = range(9)
-"""What ends a stroke or a hold."""
+END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING, REACH = range(10)
+"""What ends a stroke or a hold, or keeps a finger from a contact."""
 END_WORDS = (
     "end",
     "joint limit",
@@ -29,6 +29,7 @@ END_WORDS = (
     "collision with the palm",
     "balance",
     "no room to land",
+    "out of reach",
 )
 """The same in words."""
 
@@ -116,6 +117,8 @@ class Load(NamedTuple):
     """Least singular value of the Jacobians of tips that hold, m/rad: below, offsets bring about no such forces."""
     effort: np.ndarray
     """(n, m) Nm."""
+    stiffness: np.ndarray
+    """(n, m) of the servos, Nm/rad: near a joint's limit they can be commanded no farther off to press."""
 
 
 class Seeds(NamedTuple):
@@ -155,6 +158,8 @@ class Scratch(NamedTuple):
     JP: np.ndarray
     drag: np.ndarray
     spin: np.ndarray
+    effort: np.ndarray
+    """(n, 2, m) of positive and of negative torques of fingers that touch, Nm."""
     tableau: np.ndarray
     basis: np.ndarray
     force: np.ndarray
@@ -186,6 +191,7 @@ def scratch(w):
         np.zeros((n, 3, m)),
         np.zeros((n, 3)),
         np.zeros(n),
+        np.full((n, 2, m), np.inf),
         tableau,
         basis,
         np.zeros(3),
@@ -210,7 +216,7 @@ def _types() -> tuple[numba.types.Type, ...]:
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
     world = World(chains, no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0))
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0), floats(0, 0))
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds))
 
