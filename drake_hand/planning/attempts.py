@@ -157,5 +157,6 @@ def further_starts(
             staying, joins = found, True
         if turned and not joins and (end := gait_of(problem, found)) is not None:
             found, joins = replace(found, gait=end), True
+            found.search.moves.evaluate([end])
             found.search.begin([end])
         yield found if joins else None

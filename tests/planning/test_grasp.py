@@ -132,3 +132,17 @@ def test_what_grasps_collide_with_is_named():
     assert words.startswith("of the 2 best, ")
     assert hand.fingers[blamed].name in {f.name for f in hand.fingers if overlapping & set(f.links)}
     assert "palm" not in words
+
+
+def test_fingers_stay_that_a_grasp_cannot_spare_as_far_as_their_contacts_last():
+    m = moves("trio", "cube", path("trio", turn(90.0)))
+    some = roots(m)
+    told = grasp.staying(m, some)
+    ticks = np.append(np.arange(0.0, m.path.ticks, 2.5), m.path.ticks)
+    way = m.path.beside(ticks, np.zeros((len(ticks), 6)))
+    for x, share in zip(some, told, strict=True):
+        needed = np.flatnonzero(x.touching & ~x.liftable)
+        lasts = [m.lasting(np.array([f]), x.q[f][None], way[None], len(way) - 1)[0] / (len(way) - 1) for f in needed]
+        assert share == pytest.approx(min(lasts, default=1.0))
+    assert (told < 1.0).any()
+    assert (told == 1.0).any()

@@ -203,6 +203,33 @@ def test_a_stroke_ends_where_its_contacts_hold_no_longer():
         assert small.margins(limp, sets)[-1] < 1e-6
 
 
+def test_contacts_do_not_jump_across_a_hollow(tmp_path):
+    """Between two spheres that overlap a tip may touch both, and go on smoothly while its contact is elsewhere."""
+    sphere = '<collision><origin xyz="0 0 {}"/><geometry><sphere radius="0.025"/></geometry></collision>'
+    inertia = '<mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
+    shapes = sphere.format(-0.008) + sphere.format(0.008)
+    file = tmp_path / "two.urdf"
+    file.write_text(f'<robot name="o"><link name="o"><inertial>{inertia}</inertial>{shapes}</link></robot>')
+    across, far = 0, 0.0
+    for way in (path("quartet", move(0.0, 10.0, 0.0)), path("quartet", move(0.0, -10.0, 0.0))):
+        m = moves("quartet", str(file), way)
+        for f, kin in enumerate(m.clearance.kinematics):
+            q = m.contacts(f, np.ascontiguousarray(way.X_WO[0, :3]))[0]
+            q0 = np.repeat(waiting("quartet")[None], len(q), axis=0)
+            q0[:, f] = q
+            touching = np.zeros((len(q), 4), dtype=bool)
+            touching[:, f] = True
+            q, length, why, _ = carried(m, q0, touching, anything(m))
+            for row, k in zip(q, length, strict=True):
+                X = way.X_WO[: k + 1]
+                p_OC = np.einsum("kji,kj->ki", X[:, :3, :3], kin.fk(row[: k + 1, f, : len(kin.lower)])[0] - X[:, :3, 3])
+                steps = np.linalg.norm(np.diff([m.clearance.surface.closest(p_OC)[0], p_OC], axis=1), axis=2)
+                far = max(far, np.max(steps[0] - stroke.MOST_ROLLED_RATIO * steps[1], initial=0.0))
+            across += (why == EDGE).sum()
+    assert far <= stroke.MOST_ROLLED_M
+    assert across
+
+
 def test_pads_twist_as_they_do_by_the_plain_formulas():
     way = path("kanguera", turn(25.0))
     m, c = moves("kanguera", "cube", way), clearance("kanguera", "cube")

@@ -122,6 +122,7 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False):
             lasting=lasting.get(k, 0.0),
             straight=lasting.get(k) == 1.0,
             starts=[SimpleNamespace(score=promise.get(k, 0.0))],
+            moves=SimpleNamespace(evaluate=begun.append),
             begin=begun.append,
         )
         return Attempt(task=k, builder=None, search=search, staying=staying.get(k, 0.0))
@@ -163,7 +164,7 @@ def test_starts_with_a_gait_join_with_its_end_to_start_from(monkeypatch):
     more, beside, begun = further(monkeypatch, {}, {}, {}, gaits=(2,), turned=True)
     first, second, *rest = more
     assert first is None
-    assert (second.task, second.gait, begun) == (2, "gait 2", [["gait 2"]])
+    assert (second.task, second.gait, begun) == (2, "gait 2", [["gait 2"]] * 2), "evaluated, then begun from"
     assert (rest, beside) == ([None], [])
 
 

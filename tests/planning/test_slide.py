@@ -6,6 +6,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 
 from drake_hand import api
 from drake_hand.contact.surface import Surface
@@ -142,6 +143,29 @@ def test_nothing_slides_over_an_edge():
                 assert (m.clearance.surface.edge_distance(points[: k + 1]) >= EDGE_M).all()
             ended += (why == EDGE).sum()
     assert ended
+
+
+def test_nothing_slides_from_one_facet_of_a_mesh_to_the_next(tmp_path):
+    """A cylinder of 24 facets; what slides along it stays on one, what slides round it ends at the next."""
+    angle = np.radians(15.0) * np.arange(24)
+    ring = np.stack([0.012 * np.cos(angle), 0.012 * np.sin(angle)], axis=1)
+    mesh = trimesh.convex.convex_hull(np.concatenate([np.c_[ring, np.full(24, z)] for z in (-0.07, 0.07)]))
+    mesh.export(tmp_path / "faceted.obj")
+    m = moves("quartet", str(tmp_path / "faceted.obj"), path("quartet", turn(20.0)))
+    round_, along = 0, 0
+    for x in roots(m)[:10]:
+        for f in np.flatnonzero(x.touching).tolist():
+            steps = 1e-3 * np.array([[[k * u, k * v] for k in range(9)] for u, v in ((1, 0), (-1, 0), (0, 1), (0, -1))])
+            at = np.repeat(x.p_OP[f][None], 36, axis=0)
+            p_OP, n_O = (y.reshape(4, 9, 3) for y in m.clearance.surface.move(at, steps.reshape(-1, 2)))
+            _, length, why = slid(m, x, f, p_OP, n_O)
+            for normals, k, end in zip(n_O, length, why, strict=True):
+                np.testing.assert_allclose(normals[: k + 1], np.repeat(normals[:1], k + 1, axis=0), atol=1e-6)
+                turns = np.abs(normals - normals[0]).max() > 1e-3
+                round_ += turns and end == EDGE
+                along += not turns and k == 8
+    assert round_
+    assert along
 
 
 def test_a_search_slides_fingers_to_where_they_are_better_off():

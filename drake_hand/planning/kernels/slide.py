@@ -27,7 +27,9 @@ HARDLY_ANY_FRICTION = 1e-3
 MOST_GAP_M = 4e-5
 """How far the tip may be off the surface halfway between two points, m: the certificate allows 1e-4."""
 MOST_TURN_COS = math.cos(math.radians(20.0))
-"""How far the surface may turn from one point to the next."""
+"""How far the surface may turn from one point to the next ..."""
+MOST_RIDGE_COS = math.cos(math.radians(3.0))
+"""... and where it is of facets: over a ridge the tip changes direction within less than a step, friction with it."""
 
 
 @njit()
@@ -92,6 +94,7 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
         why: (N,) written: what ends each.
     """
     s, c, r = scratch(w), w.chains, w.chains.radius[f]
+    least = MOST_TURN_COS if w.substeps == 1 else MOST_RIDGE_COS
     for j in range(len(q0)):
         place(w, j, q0[j], s)
         if touching[j]:
@@ -104,7 +107,7 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
             a = p_O[i, k - 1]
             way = math.sqrt((p[0] - a[0]) ** 2 + (p[1] - a[1]) ** 2 + (p[2] - a[2]) ** 2)
             turn = n[0] * last[0] + n[1] * last[1] + n[2] * last[2]
-            if edge_distance(w.object, p[0], p[1], p[2]) < w.edge or turn < MOST_TURN_COS:
+            if edge_distance(w.object, p[0], p[1], p[2]) < w.edge or turn < least:
                 why[i] = EDGE
                 break
             for x in range(3):
