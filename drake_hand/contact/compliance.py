@@ -10,7 +10,7 @@ from drake_hand.model.hand import Hand, PadSpec
 
 _ROLLED_SHORT_KEPT_SHARE = 0.8
 """What is left, from knot to knot of a slide, of what a tip has gathered by rolling short."""
-_DAMPING_M = 5e-4
+DAMPING_M = 5e-4
 """Of least squares near singular postures, m."""
 
 
@@ -128,5 +128,5 @@ def joint_offsets(hand: Hand, J_WP: np.ndarray, f_W: np.ndarray, moved_W: np.nda
         c = finger.columns
         J = J_WP[:, i, :, : len(c)]
         out[:, c] = np.einsum("nim,ni->nm", J, f_W[:, i]) / hand.stiffness[c]
-        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=_DAMPING_M)
+        out[:, c] += solve_least_squares(J, moved_W[:, i], damping=DAMPING_M)
     return out

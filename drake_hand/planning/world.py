@@ -145,6 +145,7 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
             dexterity=LEAST_DEXTERITY_M_PER_RAD,
             effort=holding.effort,
             stiffness=holding.stiffness,
+            compression=holding.compression,
         )
     return kernels.Load(
         kinematic=True,
@@ -158,6 +159,7 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
         dexterity=0.0,
         effort=np.ones((1, 1)),
         stiffness=np.ones((1, 1)),
+        compression=0.0,
     )
 
 

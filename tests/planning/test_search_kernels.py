@@ -6,8 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from drake_hand.contact.compliance import turns
+from drake_hand.contact.compliance import joint_offsets, turns
 from drake_hand.contact.spin import twisted
+from drake_hand.model.hand import Hand
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.kernels import hold, stroke, transit, world
@@ -297,16 +298,25 @@ def test_what_is_within_reach_is_what_inverse_kinematics_reaches(hand, object_):
 
 
 def test_a_servo_near_its_joint_s_limit_presses_no_harder_than_it_can_be_commanded():
-    m = moves("trio", "cube", path("trio", turn(5.0)))
+    """By `joint_offsets`: what the pad's compression takes of the way to the limit is not left to press with."""
+    m, hand = moves("trio", "cube", path("trio", turn(5.0))), Hand.load("trio")
     X, kin, s = np.ascontiguousarray(m.path.X_WO[0, :3]), m.clearance.kinematics[0], world.scratch(m.world)
-    full, stiffness = m.load.effort[0], m.load.stiffness[0]
-    for short in (0.1, 0.5, 0.9):
-        q = kin.upper - short * full / stiffness - hold.SERVO_ROOM_RAD
+    full, stiffness, columns = m.load.effort[0], m.load.stiffness[0], hand.fingers[0].columns
+    unable = short = 0
+    for share in np.random.default_rng(0).random((200, len(full))):
+        q = kin.lower + (1.2 * share - 0.1).clip(0.0, 1.0) * (kin.upper - kin.lower)
         hold.contact_at(m.world, m.load, 0, q, X, s)
-        np.testing.assert_allclose(s.effort[0, 0], short * full)
-        np.testing.assert_allclose(s.effort[0, 1], full)
-    hold.contact_at(m.world, m.load, 0, kin.lower, X, s)
-    np.testing.assert_allclose(s.effort[0], [full, np.full(len(full), hold.LEAST_EFFORT_NM)])
+        moved = np.zeros((1, 3, 3))
+        moved[0, 0] = m.load.compression * s.N[0]
+        at = q + joint_offsets(hand, s.JP[None], np.zeros((1, 3, 3)), moved)[0, columns]
+        room = np.stack([kin.upper - at, at - kin.lower])
+        most = np.clip(stiffness * (room - hold.SERVO_ROOM_RAD), hold.LEAST_EFFORT_NM, full)
+        able = (room > 0).all()
+        np.testing.assert_allclose(s.effort[0], most if able else hold.LEAST_EFFORT_NM, rtol=1e-6)
+        unable += not able
+        short += able and (most < full).any()
+    assert unable > 5
+    assert short > 5
 
 
 def test_grasps_that_press_against_limits_hold_less():
@@ -315,8 +325,9 @@ def test_grasps_that_press_against_limits_hold_less():
     X, q0, touching = at_random(m, "quartet", 1000)
     XX, out = np.repeat(X[None], len(q0), axis=0), np.zeros((2, len(q0), 5))
     p_OP, n_W = np.zeros((2, len(q0), 4, 3))
+    load_ = m.load._replace(compression=0.0)
     for near, margins in zip((small.roomy(m).world, m.world), out, strict=True):
-        hold.held_without(near, m.load, XX, q0, touching, margins, p_OP, n_W)
+        hold.held_without(near, load_, XX, q0, touching, margins, p_OP, n_W)
     ample, told = np.minimum(out[:, :, 4], hold.COUNTED_MARGIN_N)
     assert (told <= ample + 1e-9).all()
     assert ((ample >= 0) & (told < 0)).any()

@@ -12,22 +12,26 @@ import numpy as np
 from numba import boolean, float64
 
 from drake_hand.compiled import njit
+from drake_hand.contact.compliance import DAMPING_M
 from drake_hand.contact.kernels.equilibrium import margin
-from drake_hand.contact.kernels.rolling import dexterous, jacobian, touch
+from drake_hand.contact.kernels.rolling import dexterous, jacobian, least_squares, touch
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 from drake_hand.plans.tolerances import TWIST_RAD
 
 COUNTED_MARGIN_N = 0.3
 """Margin up to which more is better, N."""
 SERVO_ROOM_RAD = math.radians(0.5)
-"""Kept from joint limits by forces, for what the pads' compression adds to the command."""
+"""Kept from joint limits by forces, for what else is added to commands."""
 LEAST_EFFORT_NM = 1e-9
 """Of a joint at its limit, Nm: next to none."""
 
 
 @njit()
 def contact_at(w, load, f, q, X, s):
-    """Takes finger f's contact with the object at X (3, 4) into the scratch's set of contacts."""
+    """Takes finger f's contact with the object at X (3, 4) into the scratch's set of contacts.
+
+    With it the efforts that its servos have left when its pad is pressed in: none where they cannot be commanded there.
+    """
     at = touch(w.chains, w.object, f, q, X, s.p, s.R)
     r = w.chains.radius[f]
     for i in range(3):
@@ -35,11 +39,16 @@ def contact_at(w, load, f, q, X, s):
         s.P[f, i] = at[i] - r * at[6 + i]
     jacobian(w.chains, f, s.p, s.R, s.P[f, 0], s.P[f, 1], s.P[f, 2], s.JP[f])
     if not load.kinematic:
-        c = w.chains
+        c, able, d = w.chains, True, load.compression
+        least_squares(s.JP[f], c.joints[f], d * s.N[f, 0], d * s.N[f, 1], d * s.N[f, 2], DAMPING_M, s.rate)
         for j in range(c.joints[f]):
-            for way, room in enumerate((c.upper[f, j] - q[j], q[j] - c.lower[f, j])):
+            up, down = c.upper[f, j] - q[j] - s.rate[j], q[j] + s.rate[j] - c.lower[f, j]
+            able &= up > 0.0 and down > 0.0
+            for way, room in enumerate((up, down)):
                 most = load.stiffness[f, j] * (room - SERVO_ROOM_RAD)
                 s.effort[f, way, j] = max(min(load.effort[f, j], most), LEAST_EFFORT_NM)
+        if not able:
+            s.effort[f] = LEAST_EFFORT_NM
     return at
 
 

@@ -119,6 +119,8 @@ class Load(NamedTuple):
     """(n, m) Nm."""
     stiffness: np.ndarray
     """(n, m) of the servos, Nm/rad: near a joint's limit they can be commanded no farther off to press."""
+    compression: float
+    """Of pads at the preload, m: tips are commanded so much farther in."""
 
 
 class Seeds(NamedTuple):
@@ -216,7 +218,7 @@ def _types() -> tuple[numba.types.Type, ...]:
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
     world = World(chains, no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0), floats(0, 0))
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0), floats(0, 0), 0.0)
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds))
 
