@@ -83,6 +83,16 @@ def test_who_does_not_reach_the_object_is_named():
     assert e.value.evidence.constraint == "out of reach"
 
 
+def test_fingers_that_cannot_touch_are_named_where_the_others_do_not_hold():
+    X = pose(START[HAND])
+    X[1, 3] += 0.07  # beyond the fingers of one side
+    slippery = equilibrium(HAND, PENCIL, friction=1e-4)
+    with pytest.raises(NoPlanFound, match="friction") as e:
+        roots(moves(HAND, PENCIL, still(X), slippery))
+    for name, named in (("right_1", True), ("right_2", True), ("left_1", False), ("left_2", False)):
+        assert (f"; {name} cannot touch it (out of reach)" in str(e.value)) == named
+
+
 def test_grasps_that_can_be_handed_over_come_first():
     def shares(then: tuple[frozenset[int], ...]) -> np.ndarray:
         """Of five grasps: how often random contacts of the other finger hold the object with those that stay."""
