@@ -100,8 +100,8 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     held = np.flatnonzero(margins[:, -1] >= 0)
     if not len(held):
         what, constraint = _short_of(moves, X, posture, touching, float(margins[:, -1].max()))
-        others = "".join(f"; {hand.fingers[f].name} cannot touch it ({moves.out_of_reach(f, X)})" for f in unable)
-        raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}{others}", constraint)
+        besides = "".join(f"; {hand.fingers[f].name} cannot touch it ({moves.out_of_reach(f, X)})" for f in unable)
+        raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}{besides}", constraint)
     margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTED_MARGIN_N)
     value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING_SCORE * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)

@@ -26,7 +26,7 @@ class Equilibrium:
     LEAST_PRELOAD_N = 0.35
     """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
 
-    ROD_CURVATURE = 2.0
+    ROD_CURVATURE_RATIO = 2.0
     """Of an object as thin as the fingertip, by which pads are pressed in deeper than on a plane."""
 
     def __init__(self, hand: Hand, gravity: np.ndarray, mass: float, friction: float, preload: float) -> None:
@@ -46,7 +46,7 @@ class Equilibrium:
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.spin_arm = spin_arm(hand.pad, np.array([f.radius for f in hand.fingers]), friction)
         """Torque of contacts that spin over their normal force, by finger, m."""
-        self.compression = float(pad_compression(hand.pad, max(preload, self.LEAST_PRELOAD_N), self.ROD_CURVATURE))
+        self.compression = float(pad_compression(hand.pad, max(preload, self.LEAST_PRELOAD_N), self.ROD_CURVATURE_RATIO))
         """Of pads at that force, m."""
         self.effort, self.stiffness = np.full((2, len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
