@@ -146,10 +146,10 @@ def test_nothing_slides_over_an_edge():
 
 
 def test_nothing_slides_from_one_facet_of_a_mesh_to_the_next(tmp_path):
-    """A cylinder of 24 facets; what slides along it stays on one, what slides round it ends at the next."""
-    angle = np.radians(15.0) * np.arange(24)
+    """A cylinder of 60 facets; what slides along it stays on one, what slides round it ends at the next."""
+    angle = np.radians(6.0) * np.arange(60)
     ring = np.stack([0.012 * np.cos(angle), 0.012 * np.sin(angle)], axis=1)
-    mesh = trimesh.convex.convex_hull(np.concatenate([np.c_[ring, np.full(24, z)] for z in (-0.07, 0.07)]))
+    mesh = trimesh.convex.convex_hull(np.concatenate([np.c_[ring, np.full(60, z)] for z in (-0.07, 0.07)]))
     mesh.export(tmp_path / "faceted.obj")
     m = moves("quartet", str(tmp_path / "faceted.obj"), path("quartet", turn(20.0)))
     round_, along = 0, 0
