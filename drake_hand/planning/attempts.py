@@ -1,4 +1,4 @@
-"""One search that begins with a grasp, from one start; and further starts, where a grasp nearly lasts to the end.
+"""One search that begins with a grasp, from one start; and further starts, where one promises more.
 
 A grasp that lasts for the whole motion spares all regrasps, for which a hand of few fingers may have none free; one
 whose fingers stay that it cannot spare leaves regrasps to the others. Starts that differ a little differ much in both.

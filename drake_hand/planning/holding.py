@@ -46,8 +46,8 @@ class Equilibrium:
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.spin_arm = spin_arm(hand.pad, np.array([f.radius for f in hand.fingers]), friction)
         """Torque of contacts that spin over their normal force, by finger, m."""
-        most = max(preload, self.LEAST_PRELOAD_N)
-        self.compression = float(pad_compression(hand.pad, most, self.ROD_CURVATURE_RATIO))
+        press = max(preload, self.LEAST_PRELOAD_N)
+        self.compression = float(pad_compression(hand.pad, press, self.ROD_CURVATURE_RATIO))
         """Of pads at that force, m."""
         self.effort, self.stiffness = np.full((2, len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):

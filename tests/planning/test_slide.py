@@ -78,8 +78,7 @@ def test_directions_are_those_of_the_material():
 def ways():
     """Ways all round of every finger of some grasps, as far as they go."""
     holding = equilibrium("quartet", "pencil_r8")
-    m = moves("quartet", "pencil_r8", path("quartet", turn(60.0)), holding)
-    m = roomy(m)
+    m = roomy(moves("quartet", "pencil_r8", path("quartet", turn(60.0)), holding))
     angle = np.radians(45.0) * np.arange(8)
     found = []
     for x in roots(m)[:15]:
