@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_hand.contact.chain import FingerKinematics, skew
-from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, turns
+from drake_hand.contact.compliance import turns
 from drake_hand.contact.cone_program import Unbalanced
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.forces import ForceProblem, balance_forces, likely_press
@@ -23,11 +23,12 @@ from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
+from drake_hand.planning.command_offsets import PressedTips, within_limits
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels.hold import SERVO_ROOM_RAD
-from drake_hand.planning.knots import finer, rests, with_ramps
+from drake_hand.planning.knots import finer, rests, torque_lost, with_ramps
 from drake_hand.planning.slide import directions
 from drake_hand.plans.path import Leg
 
@@ -118,9 +119,19 @@ def add_forces(
 
     lost = INTERPOLATION_LOSS_M * holding.weight
     # knots that are known to be too coarse before there are forces save computing these twice
-    more = finer(legs, starts, p, -(load * problem.preload)[..., None] * normal, lost)
+    more = finer(legs, starts, p, torque_lost(starts, p, -(load * problem.preload)[..., None] * normal) / lost)
     if more is not None:
         return add_forces(more, scene, gravity_W, holding, on_table)
+    tips = PressedTips(
+        hand=hand,
+        J_WP=J,
+        n_W=normal,
+        R_WT=R_WT,
+        R_WO=X[:, :3, :3],
+        bend=bend,
+        touching=touching,
+        slides=light.share == 1,
+    )
     pressed = likely_press(contacts, problem)
     problem = replace(problem, spin_arm=_arms(hand, holding, pressed, bend, SPARE_FRICTION_SHARE))
     solved: dict[bytes, np.ndarray] = {}
@@ -129,29 +140,15 @@ def add_forces(
             f_W = forces_along(contacts, problem, starts, solved)
         except Unbalanced as e:
             raise _blamed(e, contacts, problem, legs, starts, X) from e
-        more = finer(legs, starts, p, f_W, lost)
+        offset = tips.offsets(f_W)
+        more = finer(legs, starts, p, np.maximum(torque_lost(starts, p, f_W) / lost, tips.lost(starts, f_W, offset)))
         if more is not None:
             return add_forces(more, scene, gravity_W, holding, on_table)
         again = _as_pressed(problem, starts, hand, holding, f_W, normal, bend, lost)
         if again is None:
             break
         problem = again
-    pressed = np.einsum("nki,nki->nk", f_W, -normal)
-    depth = pad_compression(hand.pad, pressed, bend)
-    moved = -normal * depth[..., None] + roll_correction(depth, -normal, R_WT, X[:, :3, :3], touching, light.share == 1)
-    offset = joint_offsets(hand, J, f_W, moved)
-    knots = np.arange(n)
-    for finger, on in zip(hand.fingers, touching.T, strict=True):
-        for c in finger.columns if on.any() else ():
-            # A free finger fades from what its last contact left to what the next one begins with.
-            offset[:, c] = np.interp(knots, knots[on], offset[on, c])
-    offset += weight
-    for finger, on in zip(hand.fingers, touching.T, strict=True):
-        # A free finger at a joint's limit sags onto it rather than being commanded beyond.
-        for c in finger.columns:
-            command = q[:, c] + offset[:, c]
-            beyond = ~on & ((command < hand.q_lower[c]) | (command > hand.q_upper[c]))
-            offset[beyond, c] = (np.clip(command, hand.q_lower[c], hand.q_upper[c]) - q[:, c])[beyond]
+    offset = within_limits(hand, q, offset + weight, touching)
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)

@@ -41,18 +41,14 @@ def with_ramps(legs: list[Leg]) -> list[Leg]:
     return [refine(leg) if rests(leg) else leg for leg in legs]
 
 
-def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray, torque: float) -> list[Leg] | None:
-    """Legs with knots close enough for forces that are linear between them, or None where all have them.
-
-    Halfway between knots at which they balance, forces that change are off by a quarter of their change times that of
-    the contact points, and the points themselves by an eighth of their second difference.
+def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, lost: np.ndarray) -> list[Leg] | None:
+    """Legs with knots close enough for what is linear between them, or None where all have them.
 
     Args:
         legs: end to end.
         starts: (legs + 1,) the knots they start at.
         p_WP: (n, k, 3) contact points.
-        f_W: (n, k, 3) forces.
-        torque: that may be lost between knots, Nm.
+        lost: (n - 1,) what is lost between each knot and the next, in shares of what may be.
 
     Raises:
         NoPlanFound: a contact point jumps, as from one convex piece of an object to the next.
@@ -60,8 +56,8 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
     moves = np.array([len(leg.q) > 2 and not rests(leg) for leg in legs])
     if not moves.any():
         return None
-    lost = np.maximum.reduceat(_lost(starts, p_WP, f_W), starts[:-1])
-    times = np.where(moves, np.maximum(1, np.ceil(np.sqrt(lost / torque))), 1).astype(int)
+    most = np.maximum.reduceat(lost, starts[:-1])
+    times = np.where(moves, np.maximum(1, np.ceil(np.sqrt(most))), 1).astype(int)
     for leg, a, n in zip(legs, starts, times, strict=False):
         if n > 1 and n * len(leg.q) > MOST_KNOTS:
             steps = np.linalg.norm(np.diff(p_WP[a : a + len(leg.q)], axis=0), axis=2).max(axis=1)
@@ -72,17 +68,36 @@ def finer(legs: list[Leg], starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray
     return [resampled(leg, n) if n > 1 else leg for leg, n in zip(legs, times, strict=True)]
 
 
-def _lost(starts: np.ndarray, p: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """(n - 1,) torque lost between each knot and the next, of legs with three knots or more."""
-    k = np.arange(len(p) - 1)
+def torque_lost(starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray) -> np.ndarray:
+    """Torque lost halfway between knots at which forces balance, in legs of three knots or more.
+
+    Forces that change are off by a quarter of their change times that of the contact points, and the points themselves
+    by an eighth of their second difference.
+
+    Args:
+        starts: (legs + 1,) the knots that legs start at.
+        p_WP: (n, k, 3) contact points.
+        f_W: (n, k, 3) forces.
+
+    Returns:
+        (n - 1,) Nm.
+    """
+    change = _cross(np.diff(p_WP, axis=0), np.diff(f_W, axis=0)) / 4
+    lost = change + _cross(off_halfway(starts, p_WP), f_W[1:] + f_W[:-1]) / 2
+    return np.linalg.norm(lost.sum(axis=1), axis=1)
+
+
+def off_halfway(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(n - 1, ...) how far rows (n, ...) that are smooth within legs are from linear, halfway to the next."""
+    if len(rows) < 3:
+        return np.zeros_like(rows[1:])
+    k = np.arange(len(rows) - 1)
     leg = np.searchsorted(starts, k, side="right") - 1
     # second differences before and after, both of the same leg
-    bend = np.diff(p, 2, axis=0)
+    bend = np.diff(rows, 2, axis=0)
     first = np.minimum(starts[leg], len(bend) - 1)
     last = np.clip(starts[leg + 1] - 2, first, len(bend) - 1)
-    bend = bend[np.clip(k - 1, first, last)] + bend[np.clip(k, first, last)]
-    lost = _cross(np.diff(p, axis=0), np.diff(f, axis=0)) / 4 + _cross(bend, f[1:] + f[:-1]) / 32
-    return np.linalg.norm(lost.sum(axis=1), axis=1)
+    return (bend[np.clip(k - 1, first, last)] + bend[np.clip(k, first, last)]) / 16
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from drake_hand.model.hand import Hand
 from drake_hand.modes.switch import Event, EventKind
@@ -25,6 +26,9 @@ from drake_hand.plans.path import Leg
 
 FEWEST_STEPS = 4
 """Of a stroke in a leg."""
+INTERPOLATED_M, MOST_TIMES = 1e-5, 8
+"""How far from rolling interpolation between its poses may take a tip, m, and how many times as many there are at most:
+a tenth of the certificate's tolerance. Near postures stretched out, joints bend within a few steps."""
 
 
 class LegBuilder:
@@ -154,26 +158,44 @@ def follow(builder: LegBuilder, moves: Moves, states: list[Node]) -> None:
 
 
 def _with_more_poses(moves: Moves, before: Node, stroke: Stroke, known: dict[bytes, np.ndarray]) -> Stroke:
-    """The stroke with more poses, if it has few: between two, joints that are interpolated leave the surface.
+    """The stroke with so many poses that joints interpolated between them roll, too.
 
     Joints of strokes that are repeated are kept by those they had, so that they stay the same to the last digit.
     """
     K = len(stroke.X) - 1
-    times = -(-FEWEST_STEPS // K)
-    if times == 1:
-        return stroke
     path = ObjectPath(X_WO=_square(stroke.X), stops=(K,))
-    share = np.linspace(0.0, 1.0, times * K + 1)
-    X = path.beside(K * share, np.zeros((len(share), 6)))
-    if (key := stroke.q.tobytes()) in known:
-        return Stroke(X=X, q=known[key])
     weightless = replace(moves, load=moves.load._replace(kinematic=True, min_contacts=0))  # forces are found later
-    q, length = rolled(weightless, X[None], np.array([times * K]), [before])
-    if length[0] < times * K:
-        return stroke
-    # what follows begins where the stroke ended
-    known[key] = q[0] + share[:, None, None] * (stroke.q[-1] - q[0, -1])
-    return Stroke(X=X, q=known[key])
+
+    def finer(times: int) -> Stroke | None:
+        share = np.linspace(0.0, 1.0, times * K + 1)
+        X = path.beside(K * share, np.zeros((len(share), 6)))
+        if (key := stroke.q.tobytes() + bytes([times])) not in known:
+            q, length = rolled(weightless, X[None], np.array([times * K]), [before])
+            if length[0] < times * K:
+                return None
+            # what follows begins where the stroke ended
+            known[key] = q[0] + share[:, None, None] * (stroke.q[-1] - q[0, -1])
+        return Stroke(X=X, q=known[key])
+
+    times = -(-FEWEST_STEPS // K)
+    out = stroke if times == 1 else finer(times)
+    while out is not None and times <= MOST_TIMES // 2:
+        next_ = finer(2 * times)
+        if next_ is None or _off(moves, out, next_) < INTERPOLATED_M:
+            return out
+        out, times = next_, 2 * times
+    return out or stroke
+
+
+def _off(moves: Moves, stroke: Stroke, finer: Stroke) -> float:
+    """How far tips are from where they roll, on splines through joints of a stroke, seen from one twice as fine, m."""
+    K = len(stroke.q) - 1
+    halfway = make_interp_spline(np.arange(K + 1.0), stroke.q, k=min(3, K))(np.arange(K) + 0.5)
+    ways = []
+    for i, finger in enumerate(moves.clearance.hand.fingers):
+        fk, m = moves.clearance.kinematics[i].fk, len(finger.columns)
+        ways.append(fk(halfway[:, i, :m])[0] - fk(finer.q[1::2, i, :m])[0])
+    return float(np.linalg.norm(ways, axis=-1).max())
 
 
 def _square(X: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.knots import MOST_KNOTS, finer, resampled
+from drake_hand.planning.knots import MOST_KNOTS, finer, resampled, torque_lost
 from drake_hand.plans.path import Leg
 
 KNOTS, TORQUE = 9, 1e-5
@@ -27,7 +27,8 @@ def contacts(turn_deg: float, press: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def finer_of(turn_deg: float, press: float) -> list[Leg] | None:
-    return finer([leg()], np.array([0, KNOTS - 1]), *contacts(turn_deg, press), TORQUE)
+    starts, (p, f) = np.array([0, KNOTS - 1]), contacts(turn_deg, press)
+    return finer([leg()], starts, p, torque_lost(starts, p, f) / TORQUE)
 
 
 def test_knots_are_added_where_torque_would_be_lost_between_them():
@@ -43,7 +44,9 @@ def test_where_a_contact_jumps_no_knots_are_close_enough():
         """Knots wanted where there are n."""
         p = np.where(np.arange(n)[:, None] < 0.7 * n, [0.0, 0.0, 0.0], [0.003, 0.004, 0.0])[:, None]
         f = np.tile([[0.0, 0.0, 1.0]], (n, 1, 1))
-        (more,) = finer([resampled(leg(), (n - 1) // (KNOTS - 1))], np.array([0, n - 1]), p, f, TORQUE)
+        starts = np.array([0, n - 1])
+        lost = torque_lost(starts, p, f) / TORQUE
+        (more,) = finer([resampled(leg(), (n - 1) // (KNOTS - 1))], starts, p, lost)
         return len(more.q)
 
     assert KNOTS < refined(KNOTS) <= MOST_KNOTS

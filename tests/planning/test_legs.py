@@ -1,10 +1,12 @@
 """Legs of strokes that a search left: contacts lie on the surface between their poses, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from drake_hand.planning import grasp
+from drake_hand.planning import grasp, legs
 from drake_hand.planning.legs import FEWEST_STEPS, LegBuilder, follow
 from drake_hand.planning.state import Node, Stroke, whole
 from drake_hand.planning.strokes import carried
@@ -12,6 +14,8 @@ from tests.planning.small import moves, path, turn, waiting
 
 TICKS = 1.0
 """Of the stroke: one step, 2.5 deg."""
+TIGHT_M = 2e-7
+"""A tolerance that steps of 7.5 deg on a cylinder do not keep."""
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +87,17 @@ def test_strokes_that_are_repeated_stay_the_same_to_the_last_digit(stroke):
         builder.make(f, root.p_OP[f])
     follow(builder, m, [root, end, again])
     assert np.array_equal(builder.legs[0].q, builder.legs[1].q)
+
+
+def test_a_stroke_of_wide_steps_gets_poses_until_joints_between_them_roll(monkeypatch):
+    m = moves("quartet", "cylinder", path("quartet", turn(90.0)))
+    found = (carried(m, root, 24.0, np.zeros(6)) for root in grasp.roots(m, waiting("quartet"), every=False, most=True))
+    farther = next(x for x in found if x)
+    wide = replace(farther, move=Stroke(X=farther.move.X[::3], q=farther.move.q[::3]))
+    assert len(wide.move.X) - 1 >= FEWEST_STEPS, "enough by count alone"
+    (as_it_was,) = legs_of(m, farther.chain)
+    assert len(as_it_was.q) == len(farther.move.q), "where they roll already there are no more"
+    monkeypatch.setattr(legs, "INTERPOLATED_M", TIGHT_M)
+    (leg,) = legs_of(m, wide.chain)
+    assert worst_gap(m, wide, leg.q, leg.X_WO) < 0.5 * worst_gap(m, wide, *coarse(m, wide))
+    assert len(leg.q) > len(wide.move.q)

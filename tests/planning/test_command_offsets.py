@@ -1,0 +1,48 @@
+"""Offsets of commands between a path's knots."""
+
+import numpy as np
+import pytest
+
+from drake_hand.contact.chain import FingerKinematics
+from drake_hand.model.hand import Hand
+from drake_hand.planning.command_offsets import COMMAND_LOSS_N, PressedTips
+
+PRESS_N = 1.5
+
+
+def tips(bent: tuple[float, float], knots: int) -> tuple[PressedTips, np.ndarray]:
+    """The Kanguera's index presses down on a rod while its outer joint goes from one posture to another; its forces."""
+    hand = Hand.load("kanguera")
+    i = [f.name for f in hand.fingers].index("index")
+    finger, k = hand.fingers[i], len(hand.fingers)
+    q = np.zeros((knots, len(finger.columns)))
+    q[:, 1], q[:, 2] = 0.5, np.linspace(*bent, knots)
+    _, R, J_C, _ = FingerKinematics.of(hand, finger).jacobian(q)
+    shape = (knots, k)
+    n_W, J = np.tile([0.0, 0.0, 1.0], (*shape, 1)), np.zeros((*shape, 3, 3))
+    J[:, i] = J_C
+    R_WT = np.tile(np.eye(3), (*shape, 1, 1))
+    R_WT[:, i] = R
+    touching = np.zeros(shape, dtype=bool)
+    touching[:, i] = True
+    f_W = np.zeros((*shape, 3))
+    f_W[:, i] = [0.0, 0.0, -PRESS_N]
+    bend, R_WO = np.full(shape, 2.0), np.tile(np.eye(3), (knots, 1, 1))
+    slides = np.zeros(shape, dtype=bool)
+    some = PressedTips(hand=hand, J_WP=J, n_W=n_W, R_WT=R_WT, R_WO=R_WO, bend=bend, touching=touching, slides=slides)
+    return some, f_W
+
+
+def lost(bent: tuple[float, float], knots: int) -> float:
+    """Most force lost between knots, N."""
+    some, f_W = tips(bent, knots)
+    return PRESS_N * COMMAND_LOSS_N * some.lost(np.array([0, knots - 1]), f_W, some.offsets(f_W)).max()
+
+
+def test_near_a_finger_stretched_out_offsets_need_more_knots():
+    assert lost((0.5, 0.9), 9) < 0.2 * COMMAND_LOSS_N
+    assert lost((-0.05, 0.35), 9) > COMMAND_LOSS_N
+
+
+def test_what_is_lost_goes_with_the_square_of_how_far_knots_are_apart():
+    assert lost((0.0, 0.4), 129) == pytest.approx(lost((0.0, 0.4), 65) / 4, rel=0.4)
