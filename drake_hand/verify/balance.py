@@ -16,7 +16,9 @@ _SLIDING_M_S = 1e-4
 """m/s above which a SLIDE contact slides: its friction is then what sliding makes it."""
 CHECKED_TORSION_SHARES = (0.5, 1.25)
 """Bounds of the torsion of a twisted pad, over what is worked out."""
-_MOST_SWEEPS = 60
+_MOST_SWEEPS, _SWEPT_NM = 2000, 1e-10
+"""Of coordinate descent, and change of a moment below which it is over: two pads that face each other, as on a pencil,
+share what acts across their line in many small steps."""
 _SETTLED_CHANGE = 1e-3
 """Change of the balance ratio between samples below which a ramp is over."""
 
@@ -169,7 +171,7 @@ def _add_torsion(torque, n, least, most):
                 along = torque[k, 0] * n[k, f, 0] + torque[k, 1] * n[k, f, 1] + torque[k, 2] * n[k, f, 2]
                 new = min(max(moment[f] - along, least[k, f]), most[k, f])
                 step = new - moment[f]
-                changed = changed or step != 0.0
+                changed = changed or abs(step) > _SWEPT_NM
                 for i in range(3):
                     torque[k, i] += step * n[k, f, i]
                 moment[f] = new

@@ -98,12 +98,14 @@ def test_forces_and_accelerations_of_a_tumbling_body_balance(seed):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6))
-def test_torsion_is_used_as_well_as_a_cone_program_would(seed):
+@given(st.integers(0, 10**6), st.booleans())
+def test_torsion_is_used_as_well_as_a_cone_program_would(seed, facing):
     rng = np.random.default_rng(seed)
     b = body(torsion_radius=5e-3)
     F = 3
     n = rng.normal(size=(F, 3))
+    if facing:  # as on a pencil: what acts across their line only they share
+        n = 0.1 * n + np.array([[0, 0, 1], [0, 0, -1], [0, 0, 1]])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     p = b.p_OCom + 0.02 * n
     f = -0.5 * n + 0.1 * rng.normal(size=(F, 3))
