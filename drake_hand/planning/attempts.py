@@ -28,6 +28,10 @@ from drake_hand.plans.task import Grasp, Step, Task
 STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
+OFFERED_A_ROUND = 4
+"""Start poses offered that are tried between two rounds of searches; of those beside others one is."""
+PROMISING_STARTS = 6
+"""So many of the most promising starts are searched from, at any time."""
 USABLE_TICKS = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
@@ -123,16 +127,17 @@ def starts_beside(
 
 
 def further_starts(
-    problem: Problem, tasks: list[Task], free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
+    problem: Problem, tasks: Iterator[Task], free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
 ) -> Iterator[Attempt | None]:
     """Searches from further starts, those offered and then such beside the best, where one of them promises more.
 
-    A grasp lasts to the end there, or the fingers that it cannot spare stay longer than those of all before, or there
-    is a gait. Looked for between rounds of searches that find it hard to lift a finger. There are none where no grasp
-    nearly lasts, and no gait can be.
+    A start joins that is among the most promising so far, or from which a grasp lasts to the end or there is a gait.
+    Looked for between rounds of searches; beside others only where a grasp nearly lasts, or those of its fingers that
+    it cannot spare.
     """
     rng = np.random.default_rng([problem.task.options.seed, 1])  # not the starts that `starts_beside` tried
     lasting, staying = lasts_longest(free), _stays_longest(free)
+    promises = sorted(x.promise for x in free)[-PROMISING_STARTS:]
     turned = bool(free) and _turned(problem, free[0]) is not None
 
     def beside() -> Iterator[Task]:
@@ -142,21 +147,25 @@ def further_starts(
                 return
             yield start.close_by(best.task, problem.clearance, rng)
 
-    offered = tasks if turned or lasting is not None or staying is not None else []
-    for task in itertools.chain(offered, beside()):
+    offered = ((task, k % OFFERED_A_ROUND == 0) for k, task in enumerate(tasks, start=1))
+    for task, pause in itertools.chain(offered, ((task, True) for task in beside())):
         try:
             with problem.stage("grasp"):
                 found = from_start(problem, task, problem.builder(task), wanted, moving, then)
         except NoPlanFound:
-            yield None
+            if pause:
+                yield None
             continue
         if lasting is not None and found.search.lasting > lasting.search.lasting:
             lasting = found
-        joins = found.search.straight
+        joins = found.search.straight or len(promises) < PROMISING_STARTS or found.promise > promises[0]
+        if joins:
+            promises = sorted([*promises, found.promise])[-PROMISING_STARTS:]
         if staying is not None and found.promise > staying.promise:
-            staying, joins = found, True
-        if turned and not joins and (end := gait_of(problem, found)) is not None:
+            staying = found
+        if turned and (end := gait_of(problem, found)) is not None:
             found, joins = replace(found, gait=end), True
             found.search.moves.evaluate([end])
             found.search.begin([end])
-        yield found if joins else None
+        if joins or pause:
+            yield found if joins else None

@@ -17,7 +17,7 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
 from drake_hand.planning.kernels.world import Load
-from drake_hand.planning.moves import ROOM_STEP_TICKS, Moves
+from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import split
@@ -33,8 +33,6 @@ FIRM_FINGERS = 3
 Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
-LOOKAHEAD_STEPS = 40
-"""How far their contacts are followed along the nominal path, coarse steps."""
 LASTING_SCORE = 3.0
 """What it counts for that none of their fingers has to let go on the path, or none that they cannot spare."""
 HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
@@ -134,11 +132,10 @@ def staying(moves: Moves, grasps: list[Node]) -> np.ndarray:
     The others can be lifted on the way. A thumb that opposes all other fingers never can: the object gets no farther
     than the contact of the thumb does, give or take the corridor.
     """
-    (way, steps), out = _whole_way(moves), np.ones(len(grasps))
+    out = np.ones(len(grasps))
     row, finger = np.nonzero(np.stack([x.touching & ~x.liftable for x in grasps]))
     q = np.stack([x.q for x in grasps])[row, finger]
-    lasting = moves.lasting(finger, q, np.repeat(way[None], len(row), axis=0), steps)
-    np.minimum.at(out, row, lasting / steps)
+    np.minimum.at(out, row, moves.enduring(finger, q))
     return out
 
 
@@ -176,14 +173,10 @@ def _drawn(
     Returns:
         Postures (N, n, m), who touches (N, n), and the share of the path for which all of them last (N,).
     """
-    rng, (way, steps) = moves.rng, _whole_way(moves)
+    rng = moves.rng
     posture, touching = np.repeat(q[None], SETS_DRAWN, axis=0), np.zeros((SETS_DRAWN, len(q)), dtype=bool)
     lasts = np.ones(SETS_DRAWN)
-    lasting = {
-        f: moves.lasting(np.full(len(c), f), c, np.repeat(way[None], len(c), axis=0), steps) / steps
-        for f, c in reached.items()
-        if len(c)
-    }
+    lasting = {f: moves.enduring(np.full(len(c), f), c) for f, c in reached.items() if len(c)}
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
     enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, FIRM_FINGERS)
     for f, share in lasting.items():
@@ -252,10 +245,3 @@ def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndar
     first, *others = sorted(shares, key=lambda key: -shares[key])[:3]
     said = [f"{words} in {shares[words, f]:.0%}" for words, f in (first, *others) if shares[words, f] > 0]
     return f"of the {len(posture)} best, {', '.join(said)}", first[1]
-
-
-def _whole_way(moves: Moves) -> tuple[np.ndarray, int]:
-    """Poses (k + 1, 3, 4) along the nominal path, as far as grasps are looked ahead, and k >= 1."""
-    k = int(np.clip(np.ceil(moves.path.ticks / ROOM_STEP_TICKS), 1, LOOKAHEAD_STEPS))
-    s = np.minimum(ROOM_STEP_TICKS * np.arange(k + 1), moves.path.ticks)
-    return moves.path.beside(s, np.zeros((k + 1, 6))), k

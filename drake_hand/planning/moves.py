@@ -22,6 +22,8 @@ SHORT_ROOM_SHARE = 0.25
 """A contact is short of room that rolls on by less than this, of 1."""
 ROOM_STEPS, ROOM_STEP_TICKS = 7, 2.5
 """How far contacts are looked ahead, steps, and the length of a step, ticks."""
+LOOKAHEAD_STEPS = 40
+"""The same where it is asked whether they last for the whole path."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +119,12 @@ class Moves:
         steps = np.broadcast_to(steps, len(q)).copy()
         split(lambda r: stroke.ahead(self.world, finger[r], q[r], X[r], steps[r], length[r]), len(q), least=128)
         return length
+
+    def enduring(self, finger: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """(N,) share of the nominal path for which contacts of fingers (N,) at q (N, m) last, as far as is looked."""
+        k = int(np.clip(np.ceil(self.path.ticks / ROOM_STEP_TICKS), 1, LOOKAHEAD_STEPS))
+        way = self.path.beside(np.minimum(ROOM_STEP_TICKS * np.arange(k + 1), self.path.ticks), np.zeros((k + 1, 6)))
+        return self.lasting(finger, q, np.repeat(way[None], len(q), axis=0), k) / k
 
     def contacts(self, finger: int, X: np.ndarray, some: int | None = None) -> tuple[np.ndarray, ...]:
         """Contacts a finger can make, of all points of the grid or of some at random: q (N, m), p_WP and n_W (N, 3).

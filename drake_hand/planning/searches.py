@@ -17,6 +17,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning import grasp
 from drake_hand.planning.attempts import closed, from_start, further_starts, gait_of, named_fingers, starts_beside
 from drake_hand.planning.ease import at_ease, ease
+from drake_hand.planning.endurance import most_enduring_first
 from drake_hand.planning.failure import Stopped, no_plan
 from drake_hand.planning.finish import finished
 from drake_hand.planning.legs import LegBuilder, follow
@@ -64,7 +65,8 @@ def from_grasps(
     failures: list[NoPlanFound] = []
     free: list[Attempt] = []
     movable = problem.task.start == "auto" and not begun
-    for k, task in enumerate(tasks):
+    starts = _in_order(problem, tasks, moving)
+    for k, task in enumerate(starts):
         builder = begun.copy() if begun else problem.builder(task)
         try:
             with problem.stage("grasp"):
@@ -89,8 +91,16 @@ def from_grasps(
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
     searching = coming_back[:GAIT_SEARCHES] + others
-    more = further_starts(problem, tasks[k + 1 :], free, wanted, moving, then) if movable else ()
+    more = _also_coming_back(problem, further_starts(problem, starts, free, wanted, moving, then)) if movable else ()
     yield from _in_turn(problem, searching, failures, more)
+
+
+def _in_order(problem: Problem, tasks: list[Task], moving: list[Step]) -> Iterator[Task]:
+    """The first few, then the rest: those first from which contacts could last."""
+    yield from tasks[:FEW_STARTS]
+    with problem.stage("start"):
+        rest = most_enduring_first(problem, tasks[FEW_STARTS:], moving) if moving else tasks[FEW_STARTS:]
+    yield from rest
 
 
 def _most_promising_first(free: list[Attempt]) -> None:
@@ -112,6 +122,14 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
     search.begin([replace(y) for y in at_ease(moves, list(x.search.starts), x.search.able)])
     easiest = next(iter(search.starts))
     return Attempt(task=x.task, builder=x.builder, search=search, ease=ease(moves, easiest))
+
+
+def _also_coming_back(problem: Problem, further: Iterator[Attempt | None]) -> Iterator[Attempt | None]:
+    """Each of further searches, and one for a period from the same start, where there can be one."""
+    for x in further:
+        yield x
+        if x is not None and x.gait is None and (back := _coming_back(problem, x)) is not None:
+            yield back
 
 
 def from_contacts(

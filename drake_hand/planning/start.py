@@ -26,7 +26,7 @@ from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 POSES_DRAWN = 400
 """Poses drawn before the first, coarse choice."""
-POSES_OFFERED = 80
+POSES_OFFERED = 150
 """Of those, poses that are offered."""
 _PATH_POSES = 9
 """Poses along the path at which the object is to be clear of the palm; at the first, middle and last reach counts."""
@@ -40,7 +40,7 @@ _NEAR_M = 4.0e-3
 """A contact this near one of them counts as reached, m."""
 _OUTSIDE_COS, _PAD_COS = 0.25, 0.5
 """Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
-_OPPOSITE_COS = -0.7
+OPPOSITE_COS = -0.7
 """Largest cosine between normals that two fingers press on from opposite sides."""
 _SPACING_M = 8e-3
 """Between points of the object's surface that are tried, m."""
@@ -99,7 +99,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     samples, normals = points[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
     units = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-    opposite = units @ units.T < _OPPOSITE_COS
+    opposite = units @ units.T < OPPOSITE_COS
 
     def value(X: np.ndarray) -> float:
         reached = [f.reaches(samples, normals, X) for f in fingers]

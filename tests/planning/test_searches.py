@@ -112,7 +112,7 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
     assert beside == best, "each step is taken from the best so far"
 
 
-def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False):
+def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, promising=1, a_round=1, offered=3):
     """Further starts by number (those beside others from 10, the third none), and what they were begun beside."""
 
     def attempt(problem, k: int, *_) -> Attempt:
@@ -128,11 +128,13 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False):
         return Attempt(task=k, builder=None, search=search, staying=staying.get(k, 0.0))
 
     beside, begun = [], []
+    monkeypatch.setattr(attempts_, "PROMISING_STARTS", promising)
+    monkeypatch.setattr(attempts_, "OFFERED_A_ROUND", a_round)
     monkeypatch.setattr(attempts_, "from_start", attempt)
     monkeypatch.setattr(attempts_, "_turned", lambda *_: turned or None)
     monkeypatch.setattr(attempts_, "gait_of", lambda problem, x: f"gait {x.task}" if x.task in gaits else None)
     monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
-    more = attempts_.further_starts(problem_of("auto"), [1, 2, 3], [attempt(None, 0)], Grasp(), [], [])
+    more = attempts_.further_starts(problem_of("auto"), range(1, 1 + offered), [attempt(None, 0)], Grasp(), [], [])
     return more, beside, begun
 
 
@@ -143,9 +145,19 @@ def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_las
     assert beside == [2, 2, 11, 11], "the best so far"
 
 
-def test_there_are_no_further_starts_where_nothing_nearly_lasts_and_there_is_no_gait(monkeypatch):
+def test_none_are_begun_beside_others_where_nothing_nearly_lasts(monkeypatch):
     little = attempts_.NEARLY_LASTING_SHARE - 0.01
-    assert list(further(monkeypatch, {0: little}, {}, {0: little})[0]) == []
+    more, beside, _ = further(monkeypatch, {0: little}, {}, {0: little})
+    assert list(more) == [None] * 3
+    assert beside == []
+
+
+def test_starts_join_that_are_among_the_most_promising_so_far(monkeypatch):
+    """Two are; several are tried between rounds."""
+    promise = {0: 1.0, 1: 0.5, 2: 0.4, 4: 0.9, 5: 0.8, 6: 1.1, 7: 1.0, 8: 0.95}
+    more, _, _ = further(monkeypatch, {}, promise, {}, promising=2, a_round=3, offered=8)
+    # 1 joins; 2 does not, and 3 is none: a round; 4 joins; 5 does not; 6 joins; 7 and 8 are not as good as two before
+    assert [x and x.task for x in more] == [1, None, 4, 6]
 
 
 def test_starts_whose_fingers_stay_longer_join_and_are_begun_beside_in_turn(monkeypatch):

@@ -1,0 +1,55 @@
+"""How long contacts could last from a start pose: those where they do for long are searched first.
+
+A finger that opposes all others can never be lifted, so that the object gets hardly farther than its contact lasts.
+To ask how long the contacts of single fingers last takes a fraction of the time that it takes to find grasps.
+"""
+
+from __future__ import annotations
+
+import itertools
+from functools import partial
+
+import numpy as np
+
+from drake_hand.planning.moves import Moves
+from drake_hand.planning.problem import Problem
+from drake_hand.planning.start import OPPOSITE_COS
+from drake_hand.planning.world import at_once
+from drake_hand.plans.task import Step, Task
+
+EACH_FINGER = 0.1
+"""What it counts for that a finger has contacts that last to the end, where 1 is for a pair that does."""
+
+
+def most_enduring_first(problem: Problem, tasks: list[Task], moving: list[Step]) -> list[Task]:
+    """The tasks in the order of how long contacts could last from their starts."""
+    values = at_once([partial(_of_start, problem, task, moving) for task in tasks])
+    return [tasks[k] for k in sorted(range(len(tasks)), key=lambda k: -values[k])]
+
+
+def _of_start(problem: Problem, task: Task, moving: list[Step]) -> float:
+    path = problem.path(problem.builder(task).X_WO, moving)
+    return endurance(problem.moves(task, path, frozenset(range(len(problem.hand.fingers)))))
+
+
+def endurance(moves: Moves) -> float:
+    """How long contacts where the path begins last at best: two on opposite sides together, and those of each finger.
+
+    Args:
+        moves: whose fingers may touch.
+
+    Returns:
+        In shares of the path; a little more for each finger.
+    """
+    X = np.ascontiguousarray(moves.path.X_WO[0, :3])
+    lasting, normals = {}, {}
+    for f in sorted(moves.fingers):
+        q, _, n_W = moves.contacts(f, X)
+        if len(q):
+            lasting[f], normals[f] = moves.enduring(np.full(len(q), f), q), n_W
+    together = 0.0
+    for a, b in itertools.combinations(lasting, 2):
+        opposite = normals[a] @ normals[b].T < OPPOSITE_COS
+        both = np.minimum(lasting[a][:, None], lasting[b])
+        together = max(together, float(both[opposite].max(initial=0.0)))
+    return together + EACH_FINGER * float(sum(x.max() for x in lasting.values()))

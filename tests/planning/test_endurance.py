@@ -1,0 +1,43 @@
+"""How long contacts could last from a start pose."""
+
+import numpy as np
+import pytest
+
+from drake_hand.planning import endurance as endurance_
+from drake_hand.planning.endurance import EACH_FINGER, endurance, most_enduring_first
+from drake_hand.planning.object_path import ObjectPath
+from tests.planning.small import moves, path, turn
+
+FINGERS = 4
+
+
+def of(angle_deg: float) -> float:
+    return endurance(moves("quartet", "cube", path("quartet", turn(angle_deg))))
+
+
+def test_contacts_that_all_last_count_as_a_pair_and_each():
+    assert of(2.0) == pytest.approx(1 + EACH_FINGER * FINGERS)
+
+
+def test_the_longer_the_way_the_less_of_it_they_last():
+    near, far, farther = of(30.0), of(180.0), of(340.0)
+    assert 1 + EACH_FINGER * FINGERS >= near > far > farther > 0
+
+
+def test_fingers_on_one_side_only_are_no_pair():
+    m = moves("quartet", "cube", path("quartet", turn(2.0)))
+    m.fingers = frozenset({0})
+    assert endurance(m) == pytest.approx(EACH_FINGER)
+
+
+def test_out_of_reach_nothing_lasts():
+    here = path("quartet", turn(2.0))
+    X = here.X_WO.copy()
+    X[:, :3, 3] += np.array([0.0, 0.0, 0.5])
+    assert endurance(moves("quartet", "cube", ObjectPath(X_WO=X, stops=here.stops))) == 0.0
+
+
+def test_starts_of_which_they_last_longest_come_first(monkeypatch):
+    lasts = {"a": 0.2, "b": 0.9, "c": 0.2, "d": 1.1}
+    monkeypatch.setattr(endurance_, "_of_start", lambda problem, task, moving: lasts[task])
+    assert most_enduring_first(None, list(lasts), []) == ["d", "b", "a", "c"]
