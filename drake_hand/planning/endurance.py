@@ -17,7 +17,7 @@ from drake_hand.planning.start import OPPOSITE_COS
 from drake_hand.planning.world import at_once
 from drake_hand.plans.task import Step, Task
 
-EACH_FINGER = 0.1
+EACH_FINGER_SHARE = 0.1
 """What it counts for that a finger has contacts that last to the end, where 1 is for a pair that does."""
 
 
@@ -52,4 +52,4 @@ def endurance(moves: Moves) -> float:
         opposite = normals[a] @ normals[b].T < OPPOSITE_COS
         both = np.minimum(lasting[a][:, None], lasting[b])
         together = max(together, float(both[opposite].max(initial=0.0)))
-    return together + EACH_FINGER * float(sum(x.max() for x in lasting.values()))
+    return together + EACH_FINGER_SHARE * float(sum(x.max() for x in lasting.values()))

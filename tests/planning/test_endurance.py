@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_hand.planning import endurance as endurance_
-from drake_hand.planning.endurance import EACH_FINGER, endurance, most_enduring_first
+from drake_hand.planning.endurance import EACH_FINGER_SHARE, endurance, most_enduring_first
 from drake_hand.planning.object_path import ObjectPath
 from tests.planning.small import moves, path, turn
 
@@ -16,18 +16,18 @@ def of(angle_deg: float) -> float:
 
 
 def test_contacts_that_all_last_count_as_a_pair_and_each():
-    assert of(2.0) == pytest.approx(1 + EACH_FINGER * FINGERS)
+    assert of(2.0) == pytest.approx(1 + EACH_FINGER_SHARE * FINGERS)
 
 
 def test_the_longer_the_way_the_less_of_it_they_last():
     near, far, farther = of(30.0), of(180.0), of(340.0)
-    assert 1 + EACH_FINGER * FINGERS >= near > far > farther > 0
+    assert 1 + EACH_FINGER_SHARE * FINGERS >= near > far > farther > 0
 
 
 def test_fingers_on_one_side_only_are_no_pair():
     m = moves("quartet", "cube", path("quartet", turn(2.0)))
     m.fingers = frozenset({0})
-    assert endurance(m) == pytest.approx(EACH_FINGER)
+    assert endurance(m) == pytest.approx(EACH_FINGER_SHARE)
 
 
 def test_out_of_reach_nothing_lasts():
