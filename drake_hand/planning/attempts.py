@@ -42,11 +42,11 @@ def from_start(
     """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
     path = problem.path(builder.X_WO, moving)
     grasp.check_palm(problem.scene, problem.clearance, path)
-    named = named_fingers(problem, wanted) or frozenset()
+    named = named_fingers(problem, wanted)
     steps.settle(
         builder, problem.clearance, park(problem.clearance, still(builder.X_WO), range(len(problem.hand.fingers)))
     )
-    moves = problem.moves(task, path, named or frozenset(range(len(problem.hand.fingers))))
+    moves = problem.moves(task, path, may_touch(problem, wanted))
     q = by_finger(problem.hand, builder.q)
     sets = tuple(some for g in then if (some := named_fingers(problem, g)))
     roots = grasp.roots(moves, q, every=bool(named), most=wanted.kind == "power", then=sets)
@@ -68,6 +68,11 @@ def closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:
 def named_fingers(problem: Problem, wanted: Grasp) -> frozenset[int] | None:
     """The fingers that a grasp asks for by name."""
     return frozenset(problem.hand.finger(name).index for name in wanted.fingers or ()) or None
+
+
+def may_touch(problem: Problem, wanted: Grasp) -> frozenset[int]:
+    """The fingers that may take part in a grasp."""
+    return named_fingers(problem, wanted) or frozenset(range(len(problem.hand.fingers)))
 
 
 def gait_of(problem: Problem, attempt: Attempt) -> Node | None:

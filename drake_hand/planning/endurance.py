@@ -21,15 +21,15 @@ EACH_FINGER_SHARE = 0.1
 """What it counts for that a finger has contacts that last to the end, where 1 is for a pair that does."""
 
 
-def most_enduring_first(problem: Problem, tasks: list[Task], moving: list[Step]) -> list[Task]:
-    """The tasks in the order of how long contacts could last from their starts."""
-    values = at_once([partial(_of_start, problem, task, moving) for task in tasks])
+def most_enduring_first(problem: Problem, tasks: list[Task], fingers: frozenset[int], moving: list[Step]) -> list[Task]:
+    """The tasks in the order of how long contacts of some fingers could last from their starts."""
+    values = at_once([partial(_of_start, problem, task, fingers, moving) for task in tasks])
     return [tasks[k] for k in sorted(range(len(tasks)), key=lambda k: -values[k])]
 
 
-def _of_start(problem: Problem, task: Task, moving: list[Step]) -> float:
+def _of_start(problem: Problem, task: Task, fingers: frozenset[int], moving: list[Step]) -> float:
     path = problem.path(problem.builder(task).X_WO, moving)
-    return endurance(problem.moves(task, path, frozenset(range(len(problem.hand.fingers)))))
+    return endurance(problem.moves(task, path, fingers))
 
 
 def endurance(moves: Moves) -> float:

@@ -15,7 +15,15 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import grasp
-from drake_hand.planning.attempts import closed, from_start, further_starts, gait_of, named_fingers, starts_beside
+from drake_hand.planning.attempts import (
+    closed,
+    from_start,
+    further_starts,
+    gait_of,
+    may_touch,
+    named_fingers,
+    starts_beside,
+)
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.endurance import most_enduring_first
 from drake_hand.planning.failure import Stopped, no_plan
@@ -65,7 +73,7 @@ def from_grasps(
     failures: list[NoPlanFound] = []
     free: list[Attempt] = []
     movable = problem.task.start == "auto" and not begun
-    starts = _in_order(problem, tasks, moving)
+    starts = _in_order(problem, tasks, wanted, moving)
     for k, task in enumerate(starts):
         builder = begun.copy() if begun else problem.builder(task)
         try:
@@ -95,11 +103,13 @@ def from_grasps(
     yield from _in_turn(problem, searching, failures, more)
 
 
-def _in_order(problem: Problem, tasks: list[Task], moving: list[Step]) -> Iterator[Task]:
+def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step]) -> Iterator[Task]:
     """The first few, then the rest: those first from which contacts could last."""
-    yield from tasks[:FEW_STARTS]
-    with problem.stage("start"):
-        rest = most_enduring_first(problem, tasks[FEW_STARTS:], moving) if moving else tasks[FEW_STARTS:]
+    few, rest = tasks[:FEW_STARTS], tasks[FEW_STARTS:]
+    yield from few
+    if moving and rest:
+        with problem.stage("start"):
+            rest = most_enduring_first(problem, rest, may_touch(problem, wanted), moving)
     yield from rest
 
 

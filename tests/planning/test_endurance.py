@@ -1,5 +1,7 @@
 """How long contacts could last from a start pose."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,23 @@ def test_fingers_on_one_side_only_are_no_pair():
     assert endurance(m) == pytest.approx(EACH_FINGER_SHARE)
 
 
+@pytest.mark.parametrize(
+    ("normals", "together"),
+    [([[0, 0, -1], [0, 1, 0]], 0.3), ([[0, 1, 0], [0, 0.6, -0.8]], 0.4), ([[0, 1, 0], [1, 0, 0]], 0.0)],
+)
+def test_a_pair_lasts_as_long_as_the_shorter_of_two_on_opposite_sides(normals, together):
+    """One finger has a contact from below that lasts for half of the way, the other two of its own."""
+    normal = {0: np.array([[0.0, 0.0, 1.0]]), 1: np.array(normals, dtype=float)}
+    lasts = {0: np.array([0.5]), 1: np.array([0.3, 0.4])}
+    some = SimpleNamespace(
+        fingers={0, 1},
+        path=SimpleNamespace(X_WO=np.eye(4)[None]),
+        contacts=lambda f, X: (lasts[f][:, None], None, normal[f]),
+        enduring=lambda finger, q: q[:, 0],
+    )
+    assert endurance(some) == pytest.approx(together + EACH_FINGER_SHARE * 0.9)
+
+
 def test_out_of_reach_nothing_lasts():
     here = path("quartet", turn(2.0))
     X = here.X_WO.copy()
@@ -39,5 +58,5 @@ def test_out_of_reach_nothing_lasts():
 
 def test_starts_of_which_they_last_longest_come_first(monkeypatch):
     lasts = {"a": 0.2, "b": 0.9, "c": 0.2, "d": 1.1}
-    monkeypatch.setattr(endurance_, "_of_start", lambda problem, task, moving: lasts[task])
-    assert most_enduring_first(None, list(lasts), []) == ["d", "b", "a", "c"]
+    monkeypatch.setattr(endurance_, "_of_start", lambda problem, task, *_: lasts[task])
+    assert most_enduring_first(None, list(lasts), frozenset(), []) == ["d", "b", "a", "c"]

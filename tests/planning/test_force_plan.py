@@ -12,6 +12,7 @@ from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.planning.command_offsets import PressedTips
 from drake_hand.planning.force_plan import _arms, _as_pressed, add_forces
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
@@ -96,8 +97,11 @@ def test_forces_balance_the_weight_at_every_knot_once_the_grasp_is_complete(regr
         assert np.linalg.norm(torque, axis=1).max() < 5e-4
 
 
-def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
-    """A heavy cylinder carried along in strides of 10 deg: what is linear between knots must balance there, too."""
+MASS = 0.2
+
+
+def coarse_legs() -> list[Leg]:
+    """A grasp of a cylinder, and the cylinder carried along in strides of 10 deg."""
     reach = table("quartet", "cylinder", turn(20.0))
     hand, X = reach.clearance.hand, reach.path.X_WO
     places = [(0, 0.025, -0.02), (1, 0.025, 0.02), (2, -0.025, -0.02), (3, -0.025, 0.02)]
@@ -111,11 +115,29 @@ def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
         p_OP[hand.fingers[h.finger].name] = np.einsum("kji,kj->ki", X[ticks, :3, :3], arm)
     first = {name: np.repeat(p[:1], 2, axis=0) for name, p in p_OP.items()}
     grasp = Leg(mode="1111", q=np.repeat(q[:1], 2, axis=0), X_WO=np.repeat(X[:1], 2, axis=0), p_OP=first)
-    coarse = Leg(mode="1111", q=q, X_WO=X[ticks], p_OP=p_OP)
-    mass, gravity = 0.2, np.array(UP["quartet"])
-    legs = [grasp, coarse]
-    _, leg = add_forces(legs, scene("quartet", "cylinder"), gravity, equilibrium("quartet", "cylinder", mass=mass))
-    assert len(leg.q) > len(coarse.q)
+    return [grasp, Leg(mode="1111", q=q, X_WO=X[ticks], p_OP=p_OP)]
+
+
+def with_forces(legs: list[Leg]) -> Leg:
+    """The last of the legs, the cylinder heavy."""
+    holding = equilibrium("quartet", "cylinder", mass=MASS)
+    return add_forces(legs, scene("quartet", "cylinder"), np.array(UP["quartet"]), holding)[-1]
+
+
+def test_a_leg_gets_knots_enough_for_what_commands_lose_between_them(monkeypatch):
+    """What they lose goes with the square of the distance: eight times as many for 63 times what they may."""
+    enough = len(with_forces(coarse_legs()).q) - 1
+    lost = iter([63.0, 0.9, 0.9])
+    monkeypatch.setattr(PressedTips, "lost", lambda tips, starts, f_W, offset: np.full(len(f_W) - 1, next(lost)))
+    assert len(with_forces(coarse_legs()).q) - 1 == 4 * enough, "balance alone takes two of the eight"
+    assert next(lost) == 0.9, "asked again of the finer leg, and no more"
+
+
+def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
+    """What is linear between knots must balance there, too."""
+    legs = coarse_legs()
+    leg = with_forces(legs)
+    assert len(leg.q) > len(legs[-1].q)
     # halfway between knots: forces linear, contact points on the curve through the knots
     names, R = list(leg.f_W), leg.X_WO[:, :3, :3]
     s = np.arange(len(leg.q))
@@ -127,7 +149,7 @@ def test_a_coarse_leg_gets_knots_enough_for_balance_between_them():
     for row, lost in enumerate(torque):
         across = np.array([n_W[n][row] for n in names])
         free = lost - np.linalg.pinv(across, rcond=0.3) @ across @ lost  # pads twist along their normals
-        assert np.linalg.norm(free) < 2e-4 * mass * 9.81
+        assert np.linalg.norm(free) < 2e-4 * MASS * 9.81
 
 
 def test_torsion_is_that_of_the_forces_that_come_out():

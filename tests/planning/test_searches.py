@@ -180,6 +180,32 @@ def test_starts_with_a_gait_join_with_its_end_to_start_from(monkeypatch):
     assert (rest, beside) == ([None], [])
 
 
+def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_there(monkeypatch):
+    asked = []
+    monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: asked.append(task) or grasp_of(task))
+    monkeypatch.setattr(searches, "may_touch", lambda problem, wanted: frozenset())
+    monkeypatch.setattr(searches, "most_enduring_first", lambda problem, tasks, *_: tasks[::-1])
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: iter(()))
+    assert list(searches.from_grasps(problem_of(None), list(range(7)), Grasp(), ["a step"], [])) == []
+    assert asked == [0, 1, 2, 3, 6, 5, 4]
+
+
+def grasp_of(task: int) -> SimpleNamespace:
+    return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=False), gait=None)
+
+
+def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
+    """Unless there is a gait already, or no period."""
+    some = [grasp_of(k) for k in range(3)]
+    some[1].gait = "gait"
+    backs = {0: "back 0", 1: "back 1", 2: None}
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: backs[x.task])
+    found = list(searches._also_coming_back(ENDLESS, iter([None, *some])))
+    assert found == [None, some[0], "back 0", some[1], some[2]]
+
+
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
 def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
     def grasps(problem, task, *_):

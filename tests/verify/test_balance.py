@@ -130,6 +130,19 @@ def test_torsion_is_used_as_well_as_a_cone_program_would(seed, facing):
     assert ratio(states(f[None]), p[None], n[None], b)[0] == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
+def test_pads_that_nearly_face_each_other_bear_what_acts_across_their_line():
+    """Each bears a moment 20 times what acts, since their normals differ by little: half of what they can."""
+    b = body(gravity=np.zeros(3), p_OCom=np.zeros(3), torsion_radius=5e-3)
+    tilt, press, moment = 0.05, 1.0, 2e-3
+    n = np.array([[tilt, 0, 1.0], [tilt, 0, -1.0]]) / np.hypot(tilt, 1.0)
+    aside = moment * tilt / press
+    p = np.array([[0, aside, 0.02], [0, -aside, -0.02]])
+    f = np.array([[[0, 0, -press], [0, 0, press]]])
+    stiff = ratio(states(f), p[None], n[None], body(gravity=np.zeros(3), p_OCom=np.zeros(3), torsion_radius=0.0))[0]
+    assert stiff > 1.0, "somebody has to bear it"
+    assert ratio(states(f), p[None], n[None], b)[0] < 1e-3 * stiff
+
+
 def test_a_sliding_finger_drags_with_its_friction_whatever_the_plan_says():
     """Two fingers below carry; one slides over the top and drags along x."""
     b = body(p_OCom=np.zeros(3), torsion_radius=0.0)
