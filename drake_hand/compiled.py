@@ -41,7 +41,9 @@ def _compile_for_level() -> None:
 _compile_for_level()
 
 
-def njit(signature: str | tuple[Any, ...] | None = None, *, allocates: bool = False) -> Callable[[Callable], Any]:
+def njit(
+    signature: str | tuple[Any, ...] | None = None, *, allocates: bool = False, inline: bool = False
+) -> Callable[[Callable], Any]:
     """Compiles a function for numpy arrays and numbers: no Python objects, no GIL, division as in numpy.
 
     A kernel called from Python states its signature, in numba's notation or as types: it is compiled, or loaded, on
@@ -61,10 +63,14 @@ def njit(signature: str | tuple[Any, ...] | None = None, *, allocates: bool = Fa
     Args:
         signature: of the only version there is; without one, a version is compiled for every kind of arguments.
         allocates: that a function without one makes arrays all the same.
+        inline: compiled into its callers in any case: for short functions of whole scenes, whose arrays would else be
+            handed over one by one.
     """
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     if signature is None and not allocates:
         options["_nrt"] = False
+    if inline:
+        options["forceinline"] = True
 
     def compile_(function: Callable) -> Any:
         kernel = numba.njit(**options)(function)

@@ -53,7 +53,8 @@ def from_start(
     search = Search(moves=moves, able=lambda x: closed(problem, builder.copy(), x), progress=problem.progress)
     search.begin(roots)
     staying = float(grasp.staying(moves, roots[:1])[0])
-    return Attempt(task=task, builder=builder, search=search, staying=staying)
+    promise = roots[0].score + grasp.LASTING_SCORE * staying
+    return Attempt(task=task, builder=builder, search=search, staying=staying, promise=promise)
 
 
 def closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:

@@ -118,13 +118,13 @@ def _most_promising_first(free: list[Attempt]) -> None:
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
-    """The search for a period to repeat, from grasps at ease where another one starts; None where there is no period.
+    """The search for a period to repeat, from grasps at ease where another one starts; None where there is neither.
 
     It pauses on the nominal path after each period, which is a burden where none is found.
     """
     path = x.search.moves.path
     period = Period.of(path, problem.clearance.surface, problem.clearance.p_OCom)
-    if period is None:
+    if period is None or not x.search.starts:
         return None
     pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
     moves = replace(x.search.moves, path=pausing, rng=np.random.default_rng(x.task.options.seed))

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from drake_hand.errors import NoPlanFound
-from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import Node
@@ -35,13 +34,10 @@ class Attempt:
     """Fingers that can leave the grasp that it is to come back to."""
     staying: float = 0.0
     """Share of the motion for which the fingers that its first grasp cannot spare keep their contacts."""
+    promise: float = 0.0
+    """How promising it was before anything was expanded."""
     gait: Node | None = None
     """The end of a gait of equal strokes."""
-
-    @property
-    def promise(self) -> float:
-        """How promising it is before anything was expanded."""
-        return next(iter(self.search.starts)).score + LASTING_SCORE * self.staying
 
     @property
     def effort(self) -> float:

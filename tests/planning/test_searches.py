@@ -10,6 +10,7 @@ import pytest
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import attempts as attempts_
 from drake_hand.planning import searches
+from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
 
@@ -121,11 +122,12 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, prom
         search = SimpleNamespace(
             lasting=lasting.get(k, 0.0),
             straight=lasting.get(k) == 1.0,
-            starts=[SimpleNamespace(score=promise.get(k, 0.0))],
             moves=SimpleNamespace(evaluate=begun.append),
             begin=begun.append,
         )
-        return Attempt(task=k, builder=None, search=search, staying=staying.get(k, 0.0))
+        stays = staying.get(k, 0.0)
+        promises = promise.get(k, 0.0) + LASTING_SCORE * stays
+        return Attempt(task=k, builder=None, search=search, staying=stays, promise=promises)
 
     beside, begun = [], []
     monkeypatch.setattr(attempts_, "PROMISING_STARTS", promising)
@@ -204,6 +206,14 @@ def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: backs[x.task])
     found = list(searches._also_coming_back(ENDLESS, iter([None, *some])))
     assert found == [None, some[0], "back 0", some[1], some[2]]
+
+
+def test_no_period_is_looked_for_where_the_hand_can_get_to_no_grasp(monkeypatch):
+    """As further searches find out while others take turns."""
+    monkeypatch.setattr(searches.Period, "of", lambda *_: SimpleNamespace(ticks=9))
+    problem = SimpleNamespace(clearance=SimpleNamespace(surface=None, p_OCom=None))
+    search = SimpleNamespace(starts={}, moves=SimpleNamespace(path=None))
+    assert searches._coming_back(problem, SimpleNamespace(search=search)) is None
 
 
 @pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])

@@ -29,20 +29,14 @@ class ShapeArrays(NamedTuple):
     """(G, 3) m."""
     size: np.ndarray
     """(G, 3) as `Geometry.size`."""
-    first: np.ndarray
-    """(G + 1,) a mesh's first triangle."""
     first_group: np.ndarray
     """(G + 1,) a mesh's first group of triangles that lie together."""
     groups: np.ndarray
     """(K + 1,) the first triangle of each group."""
     around: np.ndarray
     """(K, 2, 3) lowest and highest corner of a box around each group, m."""
-    corners: np.ndarray
-    """(T, 3, 3) of the triangles, m."""
-    normals: np.ndarray
-    """(T, 3)."""
-    balls: np.ndarray
-    """(T, 4) middle and radius of a ball around each triangle, m."""
+    faces: np.ndarray
+    """(T, 16) triangles: normal n and n.a (m); a corner a and the sides u and v from it (m); u.u, u.v, v.v (m^2)."""
     first_edge: np.ndarray
     """(G + 1,) a mesh's first sharp edge."""
     edges: np.ndarray
@@ -67,9 +61,8 @@ def no_shapes() -> ShapeArrays:
 
     ints = np.zeros(0, dtype=np.int64)
     return ShapeArrays(
-        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, ints, ints, floats(0, 2, 3), floats(0, 3, 3),
-        floats(0, 3), floats(0, 4), ints, floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0),
-        floats(0, 2, 3),
+        ints, floats(0, 3, 3), floats(0, 3), floats(0, 3), ints, ints, floats(0, 2, 3), floats(0, 16), ints,
+        floats(0, 2, 3), floats(3), floats(3), floats(0, 3), floats(0), floats(0, 2, 3),
     )  # fmt: skip
 
 
@@ -81,10 +74,6 @@ def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
     """The arrays of some shapes."""
     grouped = [_together(g.vertices[g.faces]) if g.kind == "mesh" else [] for g in geometries]
     groups = [group for of_shape in grouped for group in of_shape]
-    T = np.concatenate([np.zeros((0, 3, 3)), *groups])
-    normals = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
-    centres = T.mean(axis=1)
-    around = np.linalg.norm(T - centres[:, None], axis=2).max(axis=1)
     corners = [group.reshape(-1, 3) for group in groups]
     middle = np.stack([g.box_O.mean(axis=0) for g in geometries])
     reach = [np.linalg.norm(_extreme(g) - m, axis=1).max() for g, m in zip(geometries, middle, strict=True)]
@@ -94,13 +83,10 @@ def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
         R=np.stack([np.ascontiguousarray(g.X_OG[:3, :3], dtype=float) for g in geometries]),
         p=np.stack([np.asarray(g.X_OG[:3, 3], dtype=float) for g in geometries]),
         size=np.array([(*g.size, 0.0, 0.0, 0.0)[:3] for g in geometries], dtype=float),
-        first=np.cumsum([0] + [sum(map(len, of_shape)) for of_shape in grouped]),
         first_group=np.cumsum([0] + [len(of_shape) for of_shape in grouped]),
         groups=np.cumsum([0] + [len(group) for group in groups]),
         around=np.array([[p.min(axis=0), p.max(axis=0)] for p in corners]).reshape(-1, 2, 3),
-        corners=np.ascontiguousarray(T),
-        normals=np.ascontiguousarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
-        balls=np.ascontiguousarray(np.column_stack([centres, around])),
+        faces=_faces(np.concatenate([np.zeros((0, 3, 3)), *groups])),
         first_edge=np.cumsum([0] + [len(g.sharp_edges) for g in geometries]),
         edges=np.ascontiguousarray(np.concatenate([g.sharp_edges for g in geometries])),
         low=boxes[:, 0].min(axis=0),
@@ -109,6 +95,15 @@ def solid(geometries: tuple[Geometry, ...]) -> ShapeArrays:
         reach=np.array(reach, dtype=float),
         boxes=np.ascontiguousarray(boxes),
     )
+
+
+def _faces(T: np.ndarray) -> np.ndarray:
+    """(T, 16) of triangles (T, 3, 3), see `ShapeArrays.faces`."""
+    a, u, v = T[:, 0], T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]
+    n = np.cross(u, v)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    dots = [np.einsum("ti,ti->t", x, y) for x, y in ((n, a), (u, u), (u, v), (v, v))]
+    return np.ascontiguousarray(np.column_stack([n, dots[0], a, u, v, *dots[1:]]))
 
 
 def _together(T: np.ndarray) -> list[np.ndarray]:
@@ -136,6 +131,26 @@ def outside_box(low, high, x, y, z):
 
 
 @njit()
+def _off_box(b, x, y, z):
+    """The square of how far a point is from a box b (2, 3)."""
+    dx = max(b[0, 0] - x, x - b[1, 0], 0.0)
+    dy = max(b[0, 1] - y, y - b[1, 1], 0.0)
+    dz = max(b[0, 2] - z, z - b[1, 2], 0.0)
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit()
+def _nearest_box(boxes, a, b, x, y, z):
+    """The first of boxes a to b, (any, 2, 3), that is nearest to a point."""
+    best, nearest = a, np.inf
+    for k in range(a, b):
+        off = _off_box(boxes[k], x, y, z)
+        if off < nearest:
+            best, nearest = k, off
+    return best
+
+
+@njit(inline=True)
 def closest(s, x, y, z, near):
     """The surface point nearest to (x, y, z) in the body's frame.
 
@@ -143,24 +158,21 @@ def closest(s, x, y, z, near):
         Foot, outward normal and signed distance, seven numbers; some nearest point where there are several. Where the
         distance is more than `near` it is only a lower bound, and foot and normal may be anything.
     """
-    if len(s.kind) == 1:
-        return closest_of(s, 0, x, y, z, near)
-    begin, nearest = 0, np.inf
-    for g in range(len(s.kind)):
-        off = outside_box(s.boxes[g, 0], s.boxes[g, 1], x, y, z)
-        if off < nearest:
-            begin, nearest = g, off
-    best = closest_of(s, begin, x, y, z, near)
-    for g in range(len(s.kind)):
-        if g == begin:
+    n = len(s.kind)
+    begin = _nearest_box(s.boxes, 0, n, x, y, z) if n > 1 and near == np.inf else 0
+    fx, fy, fz, nx, ny, nz, best = x, y, z, 0.0, 0.0, 1.0, near * (1.0 + 1e-12)
+    for i in range(n):
+        g = begin if i == 0 else i - (i <= begin)
+        off = _off_box(s.boxes[g], x, y, z) if n > 1 else 0.0
+        if off > 0.0 and off >= best * abs(best):
             continue
-        found = closest_of(s, g, x, y, z, min(near, best[6]))
-        if found[6] < best[6]:
-            best = found
-    return best
+        a, b, c, u, v, w, d = closest_of(s, g, x, y, z, min(near, best))
+        if d < best or n == 1:
+            fx, fy, fz, nx, ny, nz, best = a, b, c, u, v, w, d
+    return fx, fy, fz, nx, ny, nz, best
 
 
-@njit()
+@njit(inline=True)
 def closest_of(s, g, x, y, z, near):
     """As `closest`, of shape g alone."""
     off = 0.0
@@ -183,7 +195,8 @@ def closest_of(s, g, x, y, z, near):
     elif kind == 3:
         a, b, c, u, v, w, d = _box(px, py, pz, size[0] / 2, size[1] / 2, size[2] / 2)
     else:
-        a, b, c, u, v, w, d = _mesh(px, py, pz, s, g, near, off > 0.0)
+        first, end = s.first_group[g], s.first_group[g + 1]
+        a, b, c, u, v, w, d = _mesh(px, py, pz, s.faces, s.groups, s.around, first, end, near, off > 0.0)
     return (
         t[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
         t[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
@@ -248,87 +261,73 @@ def _box(px, py, pz, a, b, c):
 
 
 @njit()
-def _mesh(px, py, pz, s, g, near, outside):
-    """Convex polyhedron g: nearest of its faces that see the query; where none within reach does, its highest plane.
+def _mesh(px, py, pz, faces, groups, around, first, end, near, outside):
+    """Of a convex polyhedron, its groups of triangles from `first` to `end`, the nearest face that sees the query.
 
-    `outside` where the query is known to be.
+    Where none within reach does, its highest plane. `outside` where the query is known to be.
     """
-    fx, fy, fz, least, reach, face = 0.0, 0.0, 0.0, near * near, near, 0
-    begin, nearest = s.first_group[g], np.inf
-    for k in range(s.first_group[g], s.first_group[g + 1]):
-        off = outside_box(s.around[k, 0], s.around[k, 1], px, py, pz)
-        if off < nearest:
-            begin, nearest = k, off
-    for i in range(s.first_group[g] - 1, s.first_group[g + 1]):
-        k = begin if i < s.first_group[g] else i
-        if outside_box(s.around[k, 0], s.around[k, 1], px, py, pz) >= reach or i == begin:
+    fx, fy, fz, least, face = 0.0, 0.0, 0.0, near * max(near, 0.0), -1
+    begin = _nearest_box(around, first, end, px, py, pz) if near == np.inf else first
+    for i in range(end - first):
+        k = begin if i == 0 else first + i - (first + i <= begin)
+        if _off_box(around[k], px, py, pz) >= least:
             continue
-        for t in range(s.groups[k], s.groups[k + 1]):
-            T, n = s.corners[t], s.normals[t]
-            h = (px - T[0, 0]) * n[0] + (py - T[0, 1]) * n[1] + (pz - T[0, 2]) * n[2]
-            if h <= -_ON_SURFACE_M or h >= reach:  # of faces in one plane rounding may hide the right one
+        for t in range(groups[k], groups[k + 1]):
+            T = faces[t]
+            h = px * T[0] + py * T[1] + pz * T[2] - T[3]
+            if h <= -_ON_SURFACE_M or h * h >= least:  # of faces in one plane rounding may hide the right one
                 continue
-            b = s.balls[t]
-            if (px - b[0]) ** 2 + (py - b[1]) ** 2 + (pz - b[2]) ** 2 >= (reach + b[3]) ** 2:
-                continue
-            x, y, z = _triangle(px, py, pz, T)
+            a, b = _triangle(px, py, pz, T)
+            x, y, z = T[4] + a * T[7] + b * T[10], T[5] + a * T[8] + b * T[11], T[6] + a * T[9] + b * T[12]
             d = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
             if d < least:
-                fx, fy, fz, least, reach, face = x, y, z, d, math.sqrt(d), t
-    if reach < near:
-        if reach < _ON_SURFACE_M:
-            n = s.normals[face]
-            return fx, fy, fz, n[0], n[1], n[2], reach
+                fx, fy, fz, least, face = x, y, z, d, t
+    if face >= 0:
+        if least < _ON_SURFACE_M * _ON_SURFACE_M:
+            T = faces[face]
+            return fx, fy, fz, T[0], T[1], T[2], math.sqrt(least)
         nx, ny, nz, d = _outward(px, py, pz, fx, fy, fz)
         return fx, fy, fz, nx, ny, nz, d
     if outside and near >= 0.0:
         return px, py, pz, 0.0, 0.0, 1.0, near * (1.0 + 1e-12)
-    best, height = s.first[g], -np.inf
-    for t in range(s.first[g], s.first[g + 1]):
-        a, n = s.corners[t, 0], s.normals[t]
-        h = (px - a[0]) * n[0] + (py - a[1]) * n[1] + (pz - a[2]) * n[2]
+    best, height = groups[first], -np.inf
+    for t in range(groups[first], groups[end]):
+        T = faces[t]
+        h = px * T[0] + py * T[1] + pz * T[2] - T[3]
         if h > height:
             height, best = h, t
             if h > near:
                 break
-    n = s.normals[best]
+    T = faces[best]
     beyond = height if height <= 0.0 else max(height, near * (1.0 + 1e-12))
-    return px - height * n[0], py - height * n[1], pz - height * n[2], n[0], n[1], n[2], beyond
+    return px - height * T[0], py - height * T[1], pz - height * T[2], T[0], T[1], T[2], beyond
 
 
 @njit()
 def _triangle(px, py, pz, T):
-    """Nearest point of a triangle (Ericson 2005, section 5.1.5)."""
-    ax, ay, az = T[0, 0], T[0, 1], T[0, 2]
-    ux, uy, uz = T[1, 0] - ax, T[1, 1] - ay, T[1, 2] - az
-    vx, vy, vz = T[2, 0] - ax, T[2, 1] - ay, T[2, 2] - az
-    wx, wy, wz = px - ax, py - ay, pz - az
-    d1, d2 = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
+    """Shares of the sides u, v of a triangle in its point nearest to the query (Ericson 2005, section 5.1.5)."""
+    wx, wy, wz = px - T[4], py - T[5], pz - T[6]
+    d1, d2 = T[7] * wx + T[8] * wy + T[9] * wz, T[10] * wx + T[11] * wy + T[12] * wz
     if d1 <= 0.0 and d2 <= 0.0:
-        return ax, ay, az
-    bx, by, bz = wx - ux, wy - uy, wz - uz
-    d3, d4 = ux * bx + uy * by + uz * bz, vx * bx + vy * by + vz * bz
+        return 0.0, 0.0
+    d3, d4 = d1 - T[13], d2 - T[14]
     if d3 >= 0.0 and d4 <= d3:
-        return T[1, 0], T[1, 1], T[1, 2]
+        return 1.0, 0.0
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        k = d1 / (d1 - d3)
-        return ax + k * ux, ay + k * uy, az + k * uz
-    cx, cy, cz = wx - vx, wy - vy, wz - vz
-    d5, d6 = ux * cx + uy * cy + uz * cz, vx * cx + vy * cy + vz * cz
+        return d1 / (d1 - d3), 0.0
+    d5, d6 = d1 - T[14], d2 - T[15]
     if d6 >= 0.0 and d5 <= d6:
-        return T[2, 0], T[2, 1], T[2, 2]
+        return 0.0, 1.0
     vb = d5 * d2 - d1 * d6
     if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        k = d2 / (d2 - d6)
-        return ax + k * vx, ay + k * vy, az + k * vz
+        return 0.0, d2 / (d2 - d6)
     va = d3 * d6 - d5 * d4
-    if va <= 0.0 and (d4 - d3) >= 0.0 and (d5 - d6) >= 0.0:
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
         k = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return T[1, 0] + k * (vx - ux), T[1, 1] + k * (vy - uy), T[1, 2] + k * (vz - uz)
+        return 1.0 - k, k
     k = 1.0 / (va + vb + vc)
-    v, w = vb * k, vc * k
-    return ax + v * ux + w * vx, ay + v * uy + w * vy, az + v * uz + w * vz
+    return vb * k, vc * k
 
 
 @njit()
@@ -345,12 +344,14 @@ def _segment(a, b, x, y, z):
 
 
 @njit()
-def edge_distance(s, x, y, z):
-    """How far a surface point is from the nearest sharp edge, m; inf where there is none."""
-    least = np.inf
+def edge_distance(s, x, y, z, near):
+    """How far a surface point is from the nearest sharp edge, m; `near` where none is nearer than that."""
+    least = near
     for g in range(len(s.kind)):
         kind, size, R, t = s.kind[g], s.size[g], s.R[g], s.p[g]
         if kind != 2 and kind != 3 and s.first_edge[g] == s.first_edge[g + 1]:
+            continue
+        if outside_box(s.boxes[g, 0], s.boxes[g, 1], x, y, z) >= least:
             continue
         dx, dy, dz = x - t[0], y - t[1], z - t[2]
         px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz

@@ -16,6 +16,8 @@ from drake_hand.contact.kernels.geometry import closest
 
 DAMPING_M_PER_RAD = 1e-4
 """Of the least-squares solutions, m per rad."""
+_ROUNDING_M = 1e-9
+"""More than distances are rounded by, m."""
 
 
 class Chains(NamedTuple):
@@ -169,9 +171,12 @@ def dexterous(J, m, least):
     return m00 > 0.0 and minor > 0.0 and det > 0.0
 
 
-@njit()
-def touch(c, s, f, q, X, p, R):
+@njit(inline=True)
+def touch(c, s, f, q, X, p, R, foot):
     """Where finger f at q (m,) is nearest to an object at X (3, 4).
+
+    `foot` (n, 3) is where each finger was nearest when asked last, in O, or far away: nothing farther than that point
+    needs to be looked at. The finger's row is written.
 
     Returns:
         Tip centre in W, foot in O, outward normal in W, distance of the tip centre: ten numbers. The finger's frames
@@ -180,13 +185,15 @@ def touch(c, s, f, q, X, p, R):
     frames(c, f, q, p, R)
     x, y, z = tip(c, f, p, R)
     dx, dy, dz = x - X[0, 3], y - X[1, 3], z - X[2, 3]
-    fx, fy, fz, nx, ny, nz, d = closest(
-        s,
-        X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz,
-        X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz,
-        X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz,
-        np.inf,
-    )
+    px = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
+    py = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
+    pz = X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz
+    near = np.inf
+    if len(s.faces) > 0:
+        near = math.sqrt((px - foot[f, 0]) ** 2 + (py - foot[f, 1]) ** 2 + (pz - foot[f, 2]) ** 2) + _ROUNDING_M
+    fx, fy, fz, nx, ny, nz, d = closest(s, px, py, pz, near)
+    if len(s.faces) > 0:
+        foot[f, 0], foot[f, 1], foot[f, 2] = fx, fy, fz
     return (
         x,
         y,

@@ -32,7 +32,7 @@ def contact_at(w, load, f, q, X, s):
 
     With it the efforts that its servos have left when its pad is pressed in: none where they cannot be commanded there.
     """
-    at = touch(w.chains, w.object, f, q, X, s.p, s.R)
+    at = touch(w.chains, w.object, f, q, X, s.p, s.R, s.foot)
     r = w.chains.radius[f]
     for i in range(3):
         s.N[f, i] = -at[6 + i]

@@ -95,7 +95,7 @@ def held_along(w, f, waiting, waits, X, q0, n0, height, q, p_WP, n_W, J_WP, leng
             if reason != END:
                 why[i] = reason
                 break
-            at = touch(w.chains, w.object, f, q[i, k], X[k], s.p, s.R)
+            at = touch(w.chains, w.object, f, q[i, k], X[k], s.p, s.R, s.foot)
             r = w.chains.radius[f]
             jacobian(w.chains, f, s.p, s.R, at[0] - r * at[6], at[1] - r * at[7], at[2] - r * at[8], J_WP[i, k])
             for a in range(3):

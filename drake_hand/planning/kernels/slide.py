@@ -107,7 +107,7 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
             a = p_O[i, k - 1]
             way = math.sqrt((p[0] - a[0]) ** 2 + (p[1] - a[1]) ** 2 + (p[2] - a[2]) ** 2)
             turn = n[0] * last[0] + n[1] * last[1] + n[2] * last[2]
-            if edge_distance(w.object, p[0], p[1], p[2]) < w.edge or turn < least:
+            if edge_distance(w.object, p[0], p[1], p[2], w.edge) < w.edge or turn < least:
                 why[i] = EDGE
                 break
             for x in range(3):
@@ -122,7 +122,7 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
                 if abs(q[i, k, j] - q[i, k - 1, j]) > MOST_STEP_RAD:
                     why[i] = SINGULAR
                 s.half[j] = (q[i, k, j] + q[i, k - 1, j]) / 2
-            if abs(touch(c, w.object, f, s.half, X, s.p, s.R)[9] - r) > MOST_GAP_M:
+            if abs(touch(c, w.object, f, s.half, X, s.p, s.R, s.foot)[9] - r) > MOST_GAP_M:
                 why[i] = EDGE
             if why[i] == END and not clear_alone(w, f, q[i, k], True, X, s, w.clearance):
                 why[i] = FINGERS

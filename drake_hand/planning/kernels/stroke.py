@@ -58,12 +58,12 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
     """
     c, m = w.chains, w.chains.joints[f]
     turn, shift = twist[:3], twist[3:]
-    before = touch(c, w.object, f, q, A, s.p, s.R)
+    before = touch(c, w.object, f, q, A, s.p, s.R, s.foot)
     at = before
     rates(c, f, s.p, s.R, at, A, turn, shift, w.pivot, s.J, s.rate)
     for j in range(m):
         s.half[j] = q[j] + s.rate[j] / 2
-    at = touch(c, w.object, f, s.half, mid, s.p, s.R)
+    at = touch(c, w.object, f, s.half, mid, s.p, s.R, s.foot)
     for j in range(m):
         s.half[j] = s.rate[j]
     missed = rates(c, f, s.p, s.R, at, mid, turn, shift, w.pivot, s.J, s.rate)
@@ -71,7 +71,7 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
     for j in range(m):
         bend = max(bend, abs(s.rate[j] - s.half[j]))
         s.half[j] = q[j] + s.rate[j]
-    at = touch(c, w.object, f, s.half, B, s.p, s.R)
+    at = touch(c, w.object, f, s.half, B, s.p, s.R, s.foot)
     if w.pivot:
         x = B[0, 3] + B[0, 0] * fixed[0] + B[0, 1] * fixed[1] + B[0, 2] * fixed[2] - at[0]
         y = B[1, 3] + B[1, 0] * fixed[0] + B[1, 1] * fixed[1] + B[1, 2] * fixed[2] - at[1]
@@ -93,7 +93,7 @@ def roll_step(w, f, q, fixed, A, B, twist, mid, s):
     missed += math.sqrt(ex * ex + ey * ey + ez * ez)
     if bend > MOST_STEP_CHANGE_RAD or most > MOST_STEP_RAD or missed > SINGULAR_SLIP_M:
         return SINGULAR
-    if math.sqrt(x * x + y * y + z * z) > MOST_DRIFT_M or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
+    if math.sqrt(x * x + y * y + z * z) > MOST_DRIFT_M or edge_distance(w.object, at[3], at[4], at[5], w.edge) < w.edge:
         return EDGE
     if _jumps(before, A, at, B):
         return EDGE
@@ -217,7 +217,7 @@ def ahead(w, finger, q0, X, steps, length):
         f = finger[i]
         m = c.joints[f]
         length[i] = 0
-        at = touch(c, w.object, f, q, X[i, 0], s.p, s.R)
+        at = touch(c, w.object, f, q, X[i, 0], s.p, s.R, s.foot)
         s.force[0], s.force[1], s.force[2] = at[0], at[1], at[2]
         fixed[0], fixed[1], fixed[2] = into(X[i, 0], s.force)
         for k in range(1, steps[i] + 1):
@@ -232,7 +232,7 @@ def ahead(w, finger, q0, X, steps, length):
                 fits &= c.lower[f, j] <= q[j] <= c.upper[f, j] and abs(s.rate[j]) < 3 * MOST_STEP_RAD
             if not fits:
                 break
-            at = touch(c, w.object, f, q, B, s.p, s.R)
+            at = touch(c, w.object, f, q, B, s.p, s.R, s.foot)
             if w.pivot:
                 x = B[0, 3] + B[0, 0] * fixed[0] + B[0, 1] * fixed[1] + B[0, 2] * fixed[2] - at[0]
                 y = B[1, 3] + B[1, 0] * fixed[0] + B[1, 1] * fixed[1] + B[1, 2] * fixed[2] - at[1]
@@ -240,13 +240,13 @@ def ahead(w, finger, q0, X, steps, length):
             else:
                 gap = c.radius[f] - at[9]
                 x, y, z = gap * at[6], gap * at[7], gap * at[8]
-            if x * x + y * y + z * z > 9e-6 or edge_distance(w.object, at[3], at[4], at[5]) < w.edge:
+            if x * x + y * y + z * z > 9e-6 or edge_distance(w.object, at[3], at[4], at[5], w.edge) < w.edge:
                 break
             jacobian(c, f, s.p, s.R, at[0], at[1], at[2], s.J)
             least_squares(s.J, m, x, y, z, 1e-4, s.rate)
             for j in range(m):
                 q[j] = min(max(q[j] + s.rate[j], c.lower[f, j]), c.upper[f, j])
-            at = touch(c, w.object, f, q, B, s.p, s.R)
+            at = touch(c, w.object, f, q, B, s.p, s.R, s.foot)
             if abs(at[9] - c.radius[f]) > 1e-3:
                 break
             place(w, f, q, s)

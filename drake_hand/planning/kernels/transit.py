@@ -167,7 +167,7 @@ def straight(w, f, a, b, X, step, q, s):
     for i in range(1, TIP_LOOKS * n):  # between those, the tip may go round a corner
         for j in range(m):
             q[j] = a[j] + (b[j] - a[j]) * i / (TIP_LOOKS * n)
-        if touch(w.chains, w.object, f, q, X, s.p, s.R)[9] < w.chains.radius[f] + TIP_GAP_M:
+        if touch(w.chains, w.object, f, q, X, s.p, s.R, s.foot)[9] < w.chains.radius[f] + TIP_GAP_M:
             return False
     return True
 

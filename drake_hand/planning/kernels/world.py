@@ -149,6 +149,8 @@ class Scratch(NamedTuple):
     hulls: np.ndarray
     """(V, 3) points of hulls, in W; with `spread`, as those of spheres."""
     simplex: np.ndarray
+    foot: np.ndarray
+    """(n, 3) the object's point nearest to each fingertip when that was asked last, in O."""
     low: np.ndarray
     """(n, 3) of the box around each finger, in W."""
     high: np.ndarray
@@ -183,6 +185,7 @@ def scratch(w):
         np.full((S, 3), 1e3),
         np.full((len(w.cover.hulls.p), 3), 1e3),
         np.zeros((4, 3)),
+        np.full((n, 3), 1e3),
         np.full((n, 3), 1e3),
         np.full((n, 3), 1e3),
         np.zeros((3, m)),
