@@ -20,8 +20,9 @@ SMOOTHNESS_WEIGHT = 20.0
 """Of squared force changes between neighbouring knots, beside squared deviations from the preload."""
 FRICTION_WEIGHT = 16.0
 """Of squared friction forces: contacts that roll creep the way friction pulls them, and a turn drifts."""
-SLIDING_WEIGHT = 200.0
-"""Of squared deviations from the preload where a contact slides: the lighter it presses, the less it drags along."""
+SLIDING_WEIGHT = 50.0
+"""Of squared deviations from the preload where a contact slides: the lighter it presses, the less it drags along, but
+not so that others hardly press any more."""
 TORSION_WEIGHT = 2.0
 """Of squared torsion over its radius."""
 LIKELY_SHARE = 0.4
@@ -286,13 +287,14 @@ def _cost(c: _Contacts) -> tuple[sparse.csc_matrix, np.ndarray]:
     np.add.at(diagonal, before, SMOOTHNESS_WEIGHT)
     np.add.at(diagonal, after, SMOOTHNESS_WEIGHT)
     weight = np.where(c.drag.any(axis=1), SLIDING_WEIGHT, 1.0)
+    cost = c.own_cost.copy()
+    n = c.normal[c.slides]
+    cost[c.slides] = SLIDING_WEIGHT * n[:, :, None] * n[:, None, :]  # how much it drags is not to choose
     upper = np.triu(np.ones((3, 3), bool))
     rows, columns = np.repeat(c.force[:, :, None], 3, axis=2), np.repeat(c.force[:, None, :], 3, axis=1)
     P = sparse.diags(diagonal) + sparse.coo_matrix(
         (
-            np.concatenate(
-                [np.full(len(before), -SMOOTHNESS_WEIGHT), (weight[:, None, None] * c.own_cost)[:, upper].ravel()]
-            ),
+            np.concatenate([np.full(len(before), -SMOOTHNESS_WEIGHT), cost[:, upper].ravel()]),
             (np.concatenate([before, rows[:, upper].ravel()]), np.concatenate([after, columns[:, upper].ravel()])),
         ),
         shape=(c.size, c.size),

@@ -261,6 +261,17 @@ def test_a_finger_that_slides_presses_lightly_and_drags_the_object_along():
     assert np.all(N[:2, 3] > 0.35)
 
 
+def test_others_press_on_while_one_slides_that_they_press_against():
+    """All of them scaled down together would slide lightly, and hold nothing that is a little off."""
+    p, n, J = rod(4, [-60, -120, -60, -120, 90], [-0.03, -0.03, 0.03, 0.03, 0.0])
+    drag = np.zeros_like(p)
+    drag[1:, 4, 1] = 0.2
+    preload = np.full((4, 5), 0.4)
+    preload[1:, 4] = 0.2
+    forces = solve(p, n, np.ones((4, 5)), J, drag_W=drag, preload=preload)
+    assert np.all(np.sum(forces.f_W * n, -1)[1:, :4] > 0.18)
+
+
 def test_contacts_that_rub_turn_the_object_and_the_others_bear_it():
     p, n, J = rod(4, *CAGE)
     spin, arm = np.zeros((4, 5)), np.full((4, 5), 1e-3)

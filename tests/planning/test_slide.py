@@ -14,6 +14,7 @@ from drake_hand.model.object import Object
 from drake_hand.physics.replay import replay
 from drake_hand.planning.failure import code
 from drake_hand.planning.force_plan import SLIDING_FORCE_N
+from drake_hand.planning.kernels.slide import FIRM_HOLD_N
 from drake_hand.planning.kernels.world import BALANCE, EDGE
 from drake_hand.planning.search import Search
 from drake_hand.planning.slide import directions, draw_slides, slid
@@ -102,8 +103,9 @@ def test_what_slides_stays_on_the_surface_where_it_is_told(ways):
 
 
 def test_a_slide_goes_on_for_as_long_as_the_object_is_held_with_all_friction_and_with_none(ways):
-    """By the margins of `contact.equilibrium`, with twice the preload."""
+    """By the margins of `contact.equilibrium`, with as much preload as slides need."""
     m, holding, found = ways
+    firm = max(holding.preload, FIRM_HOLD_N - holding.preload)
     ends, held = 0, 0
     for x, f, _, q, length, why in found:
         kin = m.clearance.kinematics[f]
@@ -120,10 +122,10 @@ def test_a_slide_goes_on_for_as_long_as_the_object_is_held_with_all_friction_and
                 moved -= sets.n_W[j, f] * (moved @ sets.n_W[j, f])
                 slip_W[j, f] = moved / np.linalg.norm(moved)
             least = margins(holding, sets, slip_W)[1:]
-            assert (least[:k] >= holding.preload - 1e-6).all()
+            assert (least[:k] >= firm - 1e-6).all()
             held += k > 0
             if why[i] == BALANCE:
-                assert least[k] < holding.preload + 1e-6
+                assert least[k] < firm + 1e-6
                 ends += 1
     assert held > 20
     assert ends > 20

@@ -24,6 +24,8 @@ LEAST_SLIP_SHARE = 0.3
 """Of the contact's way that the tip's material has to slide: one that rolls along has no direction of sliding."""
 HARDLY_ANY_FRICTION = 1e-3
 """Coefficient of a sliding contact with next to no friction."""
+FIRM_HOLD_N = 0.4
+"""Normal force that all contacts can at least have at once while one slides, N: so much do theirs vary in physics."""
 MOST_GAP_M = 4e-5
 """How far the tip may be off the surface halfway between two points, m: the certificate allows 1e-4."""
 MOST_TURN_COS = math.cos(math.radians(20.0))
@@ -53,7 +55,8 @@ def _drags(w, load, f, before, q, X, touching, way, s):
             for i in range(3):
                 s.drag[f, i] *= share / last
             last = share
-            if held(w, load, touching, X, s, load.preload) < load.preload:
+            most = max(load.preload, FIRM_HOLD_N - load.preload)
+            if held(w, load, touching, X, s, most) < most:
                 why = BALANCE
     s.drag[f] = 0.0
     return why
@@ -78,7 +81,8 @@ def slides(w, load, f, X, q0, touching, p_O, n_O, q, length, why):
     """Carries the contact of one finger over the surface, the object and all else at rest, as far as that goes.
 
     The object has to be held with all the friction that a sliding contact can have, and with hardly any; and with twice
-    the preload of contacts that rest: how hard the sliding one presses, and so drags, varies with the object's pose.
+    the preload of contacts that rest, or more where that is little: how hard the sliding one presses, and so drags,
+    varies with the object's pose.
 
     Args:
         w: the world.
