@@ -3,6 +3,7 @@
     python benchmarks/matrix.py out --hand kanguera --hand allegro=allegro_hand_right.urdf --object mug=mug.obj
     python benchmarks/matrix.py out ... --motion rotate_z --motion full --time-limit 60
     python benchmarks/matrix.py out ... --every 7 --engine mujoco
+    python benchmarks/matrix.py out ... --every 7 --first 3
     python benchmarks/matrix.py out --table
 
 A hand is a bundled name or NAME=FILE; of a URDF `hand init` writes the hand file, and nobody edits it. Every cell is a
@@ -125,7 +126,8 @@ def main() -> None:
     parser.add_argument("--object", action="append", default=[], metavar="NAME[=FILE]")
     parser.add_argument("--motion", action="append", default=[], choices=list(motions([0, 0, 1])))
     parser.add_argument("--time-limit", type=float, default=60.0, metavar="S")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth cell")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth cell ...")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="... from the Kth on, counted from 0")
     parser.add_argument("--engine", choices=("drake", "mujoco"), default="drake", help="of the replay")
     parser.add_argument("--table", action="store_true")
     words = parser.parse_args()
@@ -137,7 +139,7 @@ def main() -> None:
     hands, objects = prepare(words.out, words.hand or ["kanguera"], words.object)
     facing = {name: drake_hand("hand", "check", file).get("palm_direction", [1, 0, 0]) for name, file in hands.items()}
     asked = words.motion or [*motions([0, 0, 1])]
-    cells = [(h, o, m) for h in hands for o in objects for m in asked][:: words.every]
+    cells = [(h, o, m) for h in hands for o in objects for m in asked][words.first :: words.every]
     done = {(r["hand"], r["object"], r["motion"]) for r in rows}
     for k, (h, o, m) in enumerate(cells, start=1):
         if (h, o, m) in done:

@@ -75,6 +75,27 @@ def test_frames_tips_and_jacobians_are_those_of_the_chain(hand):
             assert not found[:, len(q) :].any()
 
 
+@pytest.mark.parametrize("name", SHAPES)
+def test_tips_touch_what_is_nearest_whatever_they_touched_before(name):
+    """Little moved or much, over facets and from piece to piece."""
+    hand = Hand.load("quartet")
+    chains = [FingerKinematics.of(hand, f) for f in hand.fingers]
+    c, solid, surface = rolling.chains(chains), geometry.solid(SHAPES[name]), Surface(SHAPES[name])
+    p, R, rng = np.zeros((len(c.R), 3)), np.zeros((len(c.R), 3, 3)), np.random.default_rng(0)
+    foot, X = np.full((len(chains), 3), 1e3), np.eye(4)[:3]
+    for kin in chains[:2]:
+        f, q = kin.finger.index, rng.uniform(kin.lower, kin.upper)
+        X[:, 3] = kin.fk(q[None])[0][0] + [0.0, 0.0, 0.02]
+        for step in np.repeat([0.01, 0.3], 60):
+            q = np.clip(q + step * rng.normal(size=len(q)), kin.lower, kin.upper)
+            found = rolling.touch(c, solid, f, q, X, p, R, foot)
+            p_OC = kin.fk(q[None])[0] - X[:, 3]
+            nearest, n, d = surface.closest(p_OC)
+            np.testing.assert_allclose(found[9], d[0], atol=1e-9)
+            np.testing.assert_allclose(found[3:6], nearest[0], atol=1e-9)
+            np.testing.assert_allclose(found[6:9], n[0], atol=1e-7)
+
+
 def test_dexterous_are_tips_whose_least_singular_value_is_large_enough():
     rng = np.random.default_rng(0)
     for m in (3, 4):
