@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from drake_hand.errors import NoPlanFound
+from drake_hand.model.hand import Hand
 from drake_hand.planning import attempts as attempts_
-from drake_hand.planning import searches
+from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
+from drake_hand.planning.problem import Problem
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp
+from tests.planning.small import task, turn
 
 ENDLESS = SimpleNamespace(deadline=np.inf)
 
@@ -206,6 +209,16 @@ def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: backs[x.task])
     found = list(searches._also_coming_back(ENDLESS, iter([None, *some])))
     assert found == [None, some[0], "back 0", some[1], some[2]]
+
+
+def test_a_start_promises_what_its_first_grasp_does_whatever_becomes_of_it():
+    t = task("trio", "cube", turn(90.0))
+    problem = Problem.of(t, Hand.load(t.hand), lambda _: None)
+    x = attempts_.from_start(problem, t, problem.builder(t), Grasp(), t.motion[1:], [])
+    first = next(iter(x.search.starts))
+    x.search.starts.clear()
+    assert x.staying == grasp.staying(x.search.moves, [first])[0]
+    assert x.promise == pytest.approx(first.score + LASTING_SCORE * x.staying)
 
 
 def test_no_period_is_looked_for_where_the_hand_can_get_to_no_grasp(monkeypatch):

@@ -122,21 +122,18 @@ def _extreme(g: Geometry) -> np.ndarray:
 
 
 @njit()
-def outside_box(low, high, x, y, z):
-    """How far a point is from a box between two corners (3,)."""
+def _off_box(low, high, x, y, z):
+    """The square of how far a point is from a box between two corners (3,)."""
     dx = max(low[0] - x, x - high[0], 0.0)
     dy = max(low[1] - y, y - high[1], 0.0)
     dz = max(low[2] - z, z - high[2], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+    return dx * dx + dy * dy + dz * dz
 
 
 @njit()
-def _off_box(b, x, y, z):
-    """The square of how far a point is from a box b (2, 3)."""
-    dx = max(b[0, 0] - x, x - b[1, 0], 0.0)
-    dy = max(b[0, 1] - y, y - b[1, 1], 0.0)
-    dz = max(b[0, 2] - z, z - b[1, 2], 0.0)
-    return dx * dx + dy * dy + dz * dz
+def outside_box(low, high, x, y, z):
+    """How far a point is from a box between two corners (3,)."""
+    return math.sqrt(_off_box(low, high, x, y, z))
 
 
 @njit()
@@ -144,7 +141,7 @@ def _nearest_box(boxes, a, b, x, y, z):
     """The first of boxes a to b, (any, 2, 3), that is nearest to a point."""
     best, nearest = a, np.inf
     for k in range(a, b):
-        off = _off_box(boxes[k], x, y, z)
+        off = _off_box(boxes[k, 0], boxes[k, 1], x, y, z)
         if off < nearest:
             best, nearest = k, off
     return best
@@ -163,7 +160,7 @@ def closest(s, x, y, z, near):
     fx, fy, fz, nx, ny, nz, best = x, y, z, 0.0, 0.0, 1.0, near * (1.0 + 1e-12)
     for i in range(n):
         g = begin if i == 0 else i - (i <= begin)
-        off = _off_box(s.boxes[g], x, y, z) if n > 1 else 0.0
+        off = _off_box(s.boxes[g, 0], s.boxes[g, 1], x, y, z) if n > 1 else 0.0
         if off > 0.0 and off >= best * abs(best):
             continue
         a, b, c, u, v, w, d = closest_of(s, g, x, y, z, min(near, best))
@@ -270,7 +267,7 @@ def _mesh(px, py, pz, faces, groups, around, first, end, near, outside):
     begin = _nearest_box(around, first, end, px, py, pz) if near == np.inf else first
     for i in range(end - first):
         k = begin if i == 0 else first + i - (first + i <= begin)
-        if _off_box(around[k], px, py, pz) >= least:
+        if _off_box(around[k, 0], around[k, 1], px, py, pz) >= least:
             continue
         for t in range(groups[k], groups[k + 1]):
             T = faces[t]
