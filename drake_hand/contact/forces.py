@@ -15,7 +15,9 @@ from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 SHORTFALL_COST = 25.0
-"""Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it."""
+"""Cost of a newton that the mean preload lacks, beside squared newtons of deviation from it ..."""
+LEAST_COST = 300.0
+"""... and of one that the least normal force lacks."""
 SMOOTHNESS_WEIGHT = 20.0
 """Of squared force changes between neighbouring knots, beside squared deviations from the preload."""
 FRICTION_WEIGHT = 16.0
@@ -27,6 +29,8 @@ TORSION_WEIGHT = 2.0
 """Of squared torsion over its radius."""
 LIKELY_SHARE = 0.4
 """Of the preload: contacts that would balance the object with less, or by pulling, press about so much in the end."""
+_LEAST_OFF_N = 1e-3
+"""By so much less than the least does not matter, N."""
 _SINGULAR_SHARE = 1e-9
 """By which contacts that cannot bear every wrench are taken to yield to all others."""
 
@@ -55,6 +59,8 @@ class ForceProblem:
     """(n, k) -1 to 1: how far pads are twisted about the inward normal; see `spin.twisted`."""
     spin_arm: np.ndarray | float = 0.0
     """(n, k) torque of contacts that rub over their normal force, m."""
+    least: float = 0.0
+    """Normal force below which no fully loaded contact should be, N: what the search knows that all can have at once."""
     fixture: np.ndarray | None = None
     """(n,) knots where a fixture holds the object and forces need not balance."""
 
@@ -72,6 +78,7 @@ class ForceProblem:
             drag_W=None if self.drag_W is None else self.drag_W[rows],
             spin=None if self.spin is None else self.spin[rows],
             spin_arm=np.broadcast_to(self.spin_arm, (n, k))[rows],
+            least=self.least,
             fixture=None if self.fixture is None else self.fixture[rows],
         )
 
@@ -95,7 +102,8 @@ def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
 
     Minimises squared deviations of normal forces from `preload`, squared friction forces, squared changes from knot to
     knot and, above all, the largest share of its preload that a contact lacks; subject to balance, round friction cones
-    with soft-finger torsion and joint efforts. Little lacking means a large margin against pose errors.
+    with soft-finger torsion and joint efforts. Little lacking means a large margin against pose errors. Where a contact
+    comes out below `least` for the ease of the others, that is made up for as well.
 
     Args:
         sets: the contacts at each of n knots; the problem's `load` says which of them exist.
@@ -108,14 +116,21 @@ def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
     c = _Contacts(sets, problem)
     if c.count == 0 and not len(c.balanced):
         return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
+    x = _solved(c)
+    if (np.sum(x[c.force] * c.normal, axis=1) < c.least - _LEAST_OFF_N).any():
+        c.firm = True
+        x = _solved(c)
+    return _forces(c, x)
+
+
+def _solved(c: _Contacts) -> np.ndarray:
     program = ConeProgram()
     _balance(program, c)
     _press(program, c)
     _spare_joints(program, c)
     _slide(program, c)
     _stay_in_cones(program, c)
-    x = program.solve(*_cost(c), knots=n)
-    return _forces(c, x)
+    return program.solve(*_cost(c), knots=c.n)
 
 
 def likely_press(sets: ContactSets, problem: ForceProblem) -> np.ndarray:
@@ -153,8 +168,11 @@ def likely_press(sets: ContactSets, problem: ForceProblem) -> np.ndarray:
 class _Contacts:
     """The loaded contacts of all knots in one row of A, and where each has its variables.
 
-    The variables are forces (A, 3), torsion over its radius (A,), and the share of the preload short at each knot (n,).
+    The variables are forces (A, 3), torsion over its radius (A,), and the share of the preload short at each knot (n,);
+    if `firm`, of the least force too (n,).
     """
+
+    firm = False
 
     def __init__(self, sets: ContactSets, problem: ForceProblem) -> None:
         self.problem = problem
@@ -172,7 +190,9 @@ class _Contacts:
         self.share = problem.load[at]
         self.friction = np.broadcast_to(problem.friction, (self.n, self.k))[at]
         self.pressed = self.share * np.broadcast_to(problem.preload, (self.n, self.k))[at]
-        """(A,) normal force wanted, N."""
+        """(A,) normal force wanted, N ..."""
+        self.least = np.minimum(self.pressed, self.share * problem.least)
+        """... and (A,) which should be there at least."""
         self.drag = np.zeros((A, 3)) if problem.drag_W is None else problem.drag_W[at]
         self.spin = np.zeros(A) if problem.spin is None else problem.spin[at]
         self.spin_torque = self.spin * np.broadcast_to(problem.spin_arm, (self.n, self.k))[at]
@@ -182,7 +202,12 @@ class _Contacts:
         self.force = np.arange(3 * A).reshape(A, 3)
         self.twist = 3 * A + self.rows
         self.short = 4 * A + np.arange(self.n)
-        self.size = 4 * A + self.n
+        self.lack = 4 * A + self.n + np.arange(self.n)
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return 4 * self.count + (2 if self.firm else 1) * self.n
 
     @cached_property
     def effort(self) -> np.ndarray:
@@ -230,10 +255,11 @@ def _balance(program: ConeProgram, c: _Contacts) -> None:
 
 
 def _press(program: ConeProgram, c: _Contacts) -> None:
-    """Normal forces are at least the preload less the share short."""
+    """Normal forces are at least the preload less the share short; likewise the least."""
     three = np.broadcast_to(c.rows[:, None], (c.count, 3))
-    program.add_upper(-c.pressed, (three, c.force, -c.normal), (c.rows, c.short[c.knot], -c.pressed))
-    program.add_upper(np.zeros(c.n), (np.arange(c.n), c.short, -np.ones(c.n)))
+    for force, short in ((c.pressed, c.short), (c.least, c.lack))[: 2 if c.firm else 1]:
+        program.add_upper(-force, (three, c.force, -c.normal), (c.rows, short[c.knot], -force))
+        program.add_upper(np.zeros(c.n), (np.arange(c.n), short, -np.ones(c.n)))
 
 
 def _spare_joints(program: ConeProgram, c: _Contacts) -> None:
@@ -303,6 +329,8 @@ def _cost(c: _Contacts) -> tuple[sparse.csc_matrix, np.ndarray]:
     q[c.force] = -(weight * c.pressed)[:, None] * c.normal
     mean = np.bincount(c.knot, c.pressed, c.n) / np.maximum(np.bincount(c.knot, minlength=c.n), 1)
     q[c.short] = SHORTFALL_COST * mean
+    if c.firm:
+        q[c.lack] = LEAST_COST * c.problem.least
     return sparse.csc_matrix(P), q
 
 

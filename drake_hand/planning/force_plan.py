@@ -114,6 +114,7 @@ def add_forces(
         drag_W=holding.sliding_friction * light.slip_W,
         spin=twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching),
         spin_arm=_arms(hand, holding, wanted, bend, SPARE_FRICTION_SHARE),
+        least=holding.preload,
         fixture=held,
     )
 

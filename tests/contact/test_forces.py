@@ -272,6 +272,19 @@ def test_others_press_on_while_one_slides_that_they_press_against():
     assert np.all(np.sum(forces.f_W * n, -1)[1:, :4] > 0.18)
 
 
+def test_no_contact_is_left_with_less_than_the_least_for_the_ease_of_others():
+    """Two hold the rod between them, a third presses from the side where only friction of theirs bears it."""
+    p, n, J = rod(2, [90, -90, 180], [0.0, 0.0, 0.03])
+    bearable = {"preload": 0.4, "torsion_radius": 3e-3}
+    without, firm = (solve(p, n, np.ones((2, 3)), J, least=least, **bearable) for least in (0.0, 0.14))
+    light, enough = (np.sum(x.f_W * n, -1).min() for x in (without, firm))
+    assert light < 0.125
+    assert enough == pytest.approx(0.14, abs=2e-3)
+    beyond = solve(p, n, np.ones((2, 3)), J, least=0.3, **bearable)
+    assert 0.14 < np.sum(beyond.f_W * n, -1).min() < 0.2, "as near as it gets"
+    np.testing.assert_allclose(beyond.f_W.sum(axis=1), np.tile(-WEIGHT, (2, 1)), atol=1e-6)
+
+
 def test_contacts_that_rub_turn_the_object_and_the_others_bear_it():
     p, n, J = rod(4, *CAGE)
     spin, arm = np.zeros((4, 5)), np.full((4, 5), 1e-3)
