@@ -60,7 +60,7 @@ class ForceProblem:
     spin_arm: np.ndarray | float = 0.0
     """(n, k) torque of contacts that rub over their normal force, m."""
     least: float = 0.0
-    """Normal force that every fully loaded contact should have at least, N: as the search knows that all can at once."""
+    """Normal force that fully loaded contacts should have at least, N: as the search knows that all can at once."""
     fixture: np.ndarray | None = None
     """(n,) knots where a fixture holds the object and forces need not balance."""
 
