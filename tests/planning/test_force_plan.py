@@ -12,8 +12,10 @@ from drake_hand.contact.weight import weight_offsets
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
+from drake_hand.planning import force_plan
 from drake_hand.planning.command_offsets import PressedTips
 from drake_hand.planning.force_plan import _arms, _as_pressed, add_forces
+from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import Surroundings, lift_off
@@ -36,8 +38,8 @@ def test_free_fingers_are_not_commanded_beyond_their_limits():
 
 
 @pytest.fixture(scope="module")
-def regrasped():
-    """Legs with forces: four fingers take hold of a pencil, one lets go and takes hold again."""
+def legs():
+    """Four fingers take hold of a pencil, one lets go and takes hold again."""
     reach = table("quartet", "pencil_r8", turn(2.5))
     hand, X = reach.clearance.hand, reach.path.X_WO[0]
     places = [(0, 8e-3, -0.022), (1, 8e-3, 0.022), (2, -8e-3, -0.01), (3, -8e-3, 0.022)]
@@ -58,8 +60,26 @@ def regrasped():
     builder.move({3: lifted[0][::-1]})
     builder.make(3, X[:3, :3].T @ (holds[3].p_WP[0] - X[:3, 3]))
     builder.dwell()
+    return builder.legs
+
+
+@pytest.fixture(scope="module")
+def regrasped(legs):
+    """The legs with forces."""
     gravity = np.array(UP["quartet"])
-    return add_forces(builder.legs, scene("quartet", "pencil_r8"), gravity, equilibrium("quartet", "pencil_r8"))
+    return add_forces(legs, scene("quartet", "pencil_r8"), gravity, equilibrium("quartet", "pencil_r8"))
+
+
+def test_no_contact_gets_less_force_than_the_search_knows_that_all_can_have(legs, monkeypatch):
+    holding, asked = equilibrium("quartet", "pencil_r8"), []
+
+    def forces(contacts, problem, *rest):
+        asked.append(problem.least)
+        return forces_along(contacts, problem, *rest)
+
+    monkeypatch.setattr(force_plan, "forces_along", forces)
+    add_forces(legs, scene("quartet", "pencil_r8"), np.array(UP["quartet"]), holding)
+    assert set(asked) == {holding.preload}
 
 
 def test_forces_rise_from_nothing_after_make_and_fade_to_nothing_before_break(regrasped):
