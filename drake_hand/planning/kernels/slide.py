@@ -55,7 +55,7 @@ def _drags(w, load, f, before, q, X, touching, way, s):
             for i in range(3):
                 s.drag[f, i] *= share / last
             last = share
-            most = max(load.preload, FIRM_HOLD_N - load.preload)
+            most = 0.0 if load.kinematic else max(load.preload, FIRM_HOLD_N - load.preload)
             if held(w, load, touching, X, s, most) < most:
                 why = BALANCE
     s.drag[f] = 0.0
