@@ -118,7 +118,7 @@ def balance_forces(sets: ContactSets, problem: ForceProblem) -> Forces:
         return Forces(f_W=np.zeros((n, k, 3)), torsion=np.zeros((n, k)), preload=np.zeros(n), friction_used=np.zeros(n))
     x = _solved(c)
     if (np.sum(x[c.force] * c.normal, axis=1) < c.least - _LEAST_OFF_N).any():
-        c.firm = True
+        c = _Contacts(sets, problem, firm=True)
         x = _solved(c)
     return _forces(c, x)
 
@@ -172,10 +172,8 @@ class _Contacts:
     if `firm`, of the least force too (n,).
     """
 
-    firm = False
-
-    def __init__(self, sets: ContactSets, problem: ForceProblem) -> None:
-        self.problem = problem
+    def __init__(self, sets: ContactSets, problem: ForceProblem, firm: bool = False) -> None:
+        self.problem, self.firm = problem, firm
         self.n, self.k = problem.load.shape
         self.knot, self.contact = at = np.nonzero(problem.load > 0)
         self.count = A = len(self.knot)
@@ -202,12 +200,8 @@ class _Contacts:
         self.force = np.arange(3 * A).reshape(A, 3)
         self.twist = 3 * A + self.rows
         self.short = 4 * A + np.arange(self.n)
-        self.lack = 4 * A + self.n + np.arange(self.n)
-
-    @property
-    def size(self) -> int:
-        """How many variables there are."""
-        return 4 * self.count + (2 if self.firm else 1) * self.n
+        self.lack = 4 * A + self.n + np.arange(self.n if firm else 0)
+        self.size = 4 * A + self.n + len(self.lack)
 
     @cached_property
     def effort(self) -> np.ndarray:
@@ -257,7 +251,7 @@ def _balance(program: ConeProgram, c: _Contacts) -> None:
 def _press(program: ConeProgram, c: _Contacts) -> None:
     """Normal forces are at least the preload less the share short; likewise the least."""
     three = np.broadcast_to(c.rows[:, None], (c.count, 3))
-    for force, short in ((c.pressed, c.short), (c.least, c.lack))[: 2 if c.firm else 1]:
+    for force, short in ((c.pressed, c.short), (c.least, c.lack)) if c.firm else ((c.pressed, c.short),):
         program.add_upper(-force, (three, c.force, -c.normal), (c.rows, short[c.knot], -force))
         program.add_upper(np.zeros(c.n), (np.arange(c.n), short, -np.ones(c.n)))
 
@@ -329,8 +323,7 @@ def _cost(c: _Contacts) -> tuple[sparse.csc_matrix, np.ndarray]:
     q[c.force] = -(weight * c.pressed)[:, None] * c.normal
     mean = np.bincount(c.knot, c.pressed, c.n) / np.maximum(np.bincount(c.knot, minlength=c.n), 1)
     q[c.short] = SHORTFALL_COST * mean
-    if c.firm:
-        q[c.lack] = LEAST_COST * c.problem.least
+    q[c.lack] = LEAST_COST * c.problem.least
     return sparse.csc_matrix(P), q
 
 
