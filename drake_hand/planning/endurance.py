@@ -19,6 +19,9 @@ from drake_hand.plans.task import Step, Task
 
 EACH_FINGER_SHARE = 0.1
 """What it counts for that a finger has contacts that last to the end, where 1 is for a pair that does."""
+ENOUGH_CONTACTS, GRID_PARTS = 64, 8
+"""Contacts of a finger that tell, and in how many parts, each all over the object, the grid is gone through until there
+are so many: a hand that reaches all round has hundreds, and to ask them all took most of a minute."""
 
 
 def most_enduring_first(problem: Problem, tasks: list[Task], fingers: frozenset[int], moving: list[Step]) -> list[Task]:
@@ -44,7 +47,7 @@ def endurance(moves: Moves) -> float:
     X = np.ascontiguousarray(moves.path.X_WO[0, :3])
     lasting, normals = {}, {}
     for f in sorted(moves.fingers):
-        q, _, n_W = moves.contacts(f, X)
+        q, n_W = _some_contacts(moves, f, X)
         if len(q):
             lasting[f], normals[f] = moves.enduring(np.full(len(q), f), q), n_W
     together = 0.0
@@ -53,3 +56,15 @@ def endurance(moves: Moves) -> float:
         both = np.minimum(lasting[a][:, None], lasting[b])
         together = max(together, float(both[opposite].max(initial=0.0)))
     return together + EACH_FINGER_SHARE * float(sum(x.max() for x in lasting.values()))
+
+
+def _some_contacts(moves: Moves, finger: int, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts that a finger can make, spread over the object: q (N, m) and n_W (N, 3)."""
+    q, n_W = [], []
+    for part in range(GRID_PARTS):
+        some = moves.contacts(finger, X, slice(part, None, GRID_PARTS))
+        q.append(some[0])
+        n_W.append(some[2])
+        if sum(map(len, q)) >= ENOUGH_CONTACTS:
+            break
+    return np.concatenate(q), np.concatenate(n_W)

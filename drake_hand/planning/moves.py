@@ -126,8 +126,10 @@ class Moves:
         way = self.path.beside(np.minimum(ROOM_STEP_TICKS * np.arange(k + 1), self.path.ticks), np.zeros((k + 1, 6)))
         return self.lasting(finger, q, np.repeat(way[None], len(q), axis=0), k) / k
 
-    def contacts(self, finger: int, X: np.ndarray, some: int | None = None) -> tuple[np.ndarray, ...]:
-        """Contacts a finger can make, of all points of the grid or of some at random: q (N, m), p_WP and n_W (N, 3).
+    def contacts(self, finger: int, X: np.ndarray, some: int | slice | None = None) -> tuple[np.ndarray, ...]:
+        """Contacts a finger can make: q (N, m), p_WP and n_W (N, 3).
+
+        Of all points of the grid, of a slice of them, or of so many at random.
 
         They are within reach, and the finger is clear of the object and of what stands still.
         """
@@ -141,10 +143,12 @@ class Moves:
         counts = np.bincount(why, minlength=len(END_WORDS))[:REACH]
         return END_WORDS[int(counts.argmax()) if counts.any() else REACH]
 
-    def _tried(self, finger: int, X: np.ndarray, some: int | None) -> tuple[np.ndarray, ...]:
+    def _tried(self, finger: int, X: np.ndarray, some: int | slice | None) -> tuple[np.ndarray, ...]:
         """Postures (N, m), points and normals (N, 3) in W, and what `transit.contacts` says of them (N,)."""
         points, normals = self.grid.points, self.grid.normals
-        if some is not None and some < len(points):
+        if isinstance(some, slice):
+            points, normals = np.ascontiguousarray(points[some]), np.ascontiguousarray(normals[some])
+        elif some is not None and some < len(points):
             pick = self.rng.integers(0, len(points), some)
             points, normals = points[pick], normals[pick]
         N, m = len(points), self.world.chains.lower.shape[1]

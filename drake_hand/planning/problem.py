@@ -34,6 +34,8 @@ N at most. A 40 g cube held with 0.1 N in reserve was dropped in physics; with 0
 takes off a contact depends on the tip's stiffness, not on the weight: heavy objects need no more."""
 CORRIDOR_SHARE = 0.98
 """Share of the corridor that is used: curves through the poses of a stroke swing a little beyond them."""
+ANSWER_SHARE, ANSWER_S = 0.1, 6.0
+"""Of the time limit, and s at most: kept for saying why there is no plan, and for the part that was found."""
 POLYHEDRON_FINENESS = 2
 """How many times finer paths of polyhedra are sampled."""
 
@@ -88,8 +90,9 @@ class Problem:
 
     @property
     def deadline(self) -> float:
-        """When the time limit ends (monotonic clock)."""
-        return self.started + self.task.options.time_limit_s
+        """When searching ends (monotonic clock), so that the answer is there within the time limit."""
+        limit = self.task.options.time_limit_s
+        return self.started + limit - min(ANSWER_SHARE * limit, ANSWER_S)
 
     def builder(self, task: Task) -> LegBuilder:
         """A builder of legs that begin with the hand at home and the object at the task's start."""

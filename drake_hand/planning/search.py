@@ -131,7 +131,6 @@ class Search:
         last = self.expansions + budget
         if not self.expansions and (answer := self._arrived(self._onward)) is not None:
             self._onward.remove(answer)
-            self.moves.evaluate([answer])
             self._add([answer])
             return self._answer(answer)
         while self.expansions < last and self._bins and time.monotonic() < deadline:
@@ -163,14 +162,22 @@ class Search:
         return None
 
     def _arrived(self, states: list[Node]) -> Node | None:
-        """The state at the goal with the fewest regrasps, held firmly if one is, of those whose root can be got to."""
+        """The state at the goal with the fewest regrasps, held firmly if one is, of those whose root can be got to.
+
+        Of equals that with the largest margin: what is pressed lightly is lost when the object is a little off.
+        """
         done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
-        done.sort(key=lambda x: (x.regrasps, not self._firm(x)))
+        self.moves.evaluate([x for x in done if not len(x.n_W)])
+        done.sort(key=lambda x: (x.regrasps, not self._firm(x), -self._margin(x)))
         return next(filter(self._founded, done), None)
 
     def _firm(self, x: Node) -> bool:
         """Whether as many fingers touch as hold an object firmly, or as may touch."""
         return self.moves.load.kinematic or x.touching.sum() >= min(FIRM_FINGERS, len(self.moves.fingers))
+
+    def _margin(self, x: Node) -> float:
+        """The least margin with which the states on the way to one hold the object, as far as it counts."""
+        return min(float(y.margins[-1]) for y in x.chain if len(y.n_W))
 
     def _answer(self, x: Node) -> Node:
         """Removes a state at the goal; another search begins with another grasp, where there is one."""

@@ -273,6 +273,19 @@ def test_a_grasp_of_two_fingers_lasts_only_where_no_more_may_touch():
     assert few.straight, "no more may touch"
 
 
+def test_of_grasps_that_last_equally_firm_the_one_with_the_largest_margin_is_the_answer():
+    """A TriFinger's banana, its third finger pressed with 0.38 N, was lost in Drake; with 1.4 N it is held."""
+    m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
+    search = Search(moves=m)
+    search.begin(roots(m))
+    firm = [x for x in search._onward if x.s == m.path.ticks and x.touching.sum() > 2]
+    m.evaluate(firm)
+    weakest_first = sorted(firm, key=lambda x: min(y.margins[-1] for y in x.chain))
+    margins = [min(y.margins[-1] for y in x.chain) for x in weakest_first]
+    assert margins[0] < margins[-1] - 0.01, "they differ"
+    assert search._margin(search._arrived(weakest_first)) == margins[-1]
+
+
 def test_a_grasp_that_lasts_is_an_answer_at_once_and_the_next_one_after_it():
     m = moves(HAND, PENCIL, path(HAND, turn(10.0)))
     asked: list[Node] = []

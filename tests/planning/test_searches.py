@@ -14,7 +14,7 @@ from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
-from drake_hand.plans.task import Grasp
+from drake_hand.plans.task import Grasp, Options
 from tests.planning.small import task, turn
 
 ENDLESS = SimpleNamespace(deadline=np.inf)
@@ -304,3 +304,9 @@ def test_a_further_start_joins_after_each_round_that_found_nothing_and_has_its_t
         next(rounds)
     assert some[2:] == [late]
     assert late.search.expansions == SLICE_EXPANSIONS
+
+
+@pytest.mark.parametrize(("limit", "ends"), [(10.0, 9.0), (60.0, 54.0), (600.0, 594.0)])
+def test_searching_ends_early_enough_for_the_reason_to_be_within_the_time_limit(limit, ends):
+    some = SimpleNamespace(started=100.0, task=SimpleNamespace(options=Options(time_limit_s=limit)))
+    assert Problem.deadline.fget(some) == 100.0 + ends
