@@ -182,8 +182,8 @@ class Options(_Strict, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 0
     """Of all that is drawn at random: the same seed gives the same plan."""
     time_limit_s: Positive = 60.0
-    """For planning; imports and the certificate come on top. Searching ends a tenth of it, at most 6 s, earlier: what is
-    left is for saying why there is no plan."""
+    """For planning; imports and the certificate come on top. Searching ends a tenth of it, at most 6 s, earlier: what
+    is left is for saying why there is no plan."""
     corridor: Corridor | Literal["none"] = Corridor()
     """``none`` keeps the object on the nominal path."""
 
