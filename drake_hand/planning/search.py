@@ -210,8 +210,13 @@ class Search:
     @property
     def straight(self) -> bool:
         """Whether the object reaches the goal without a switch, held firmly, from a start that the hand can get to."""
+        return self.straight_margin > -np.inf
+
+    @property
+    def straight_margin(self) -> float:
+        """The least margin with which it is held on that way; minus infinity where there is none."""
         answer = self._arrived(self._onward)
-        return answer is not None and self._firm(answer)
+        return self._margin(answer) if answer is not None and self._firm(answer) else -np.inf
 
     @property
     def lasting(self) -> float:

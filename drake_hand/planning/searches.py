@@ -114,7 +114,8 @@ def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[S
 
 
 def _most_promising_first(free: list[Attempt]) -> None:
-    free.sort(key=lambda x: (not x.search.straight, -x.promise))
+    """Those first of which a grasp lasts for the whole motion, and of these the one pressed least lightly."""
+    free.sort(key=lambda x: (-x.search.straight_margin, -x.promise))
 
 
 def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:

@@ -56,13 +56,18 @@ def test_gaits_are_looked_for_until_one_is_good(monkeypatch, regrasps, taken, lo
     assert len(looked) == looked_at
 
 
+def lasts(margin: float = -np.inf) -> SimpleNamespace:
+    """A search one of whose grasps lasts for the whole motion, with so much margin; or none does."""
+    return SimpleNamespace(straight=margin > -np.inf, straight_margin=margin)
+
+
 def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     """Sixteen starts with a grasp are searched from, however many others came before."""
 
     def grasps(problem, task, *_):
         if task % 2:
             raise NoPlanFound("out of reach")
-        return SimpleNamespace(task=task, promise=0.0, search=SimpleNamespace(straight=False))
+        return SimpleNamespace(task=task, promise=0.0, search=lasts())
 
     begun = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -75,11 +80,16 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
 
 @pytest.mark.parametrize(
     ("lasting", "begun"),
-    [([0, 2], [2, 0, 3, 1]), ([7], [7, 6, 5, 4, 3, 2]), ([], [15, 14, 13, 12, 11, 10])],
+    [
+        ({0: 0.1, 2: 0.1}, [2, 0, 3, 1]),
+        ({0: 0.2, 2: 0.1}, [0, 2, 3, 1]),  # what is pressed less lightly
+        ({7: 0.0}, [7, 6, 5, 4, 3, 2]),
+        ({}, [15, 14, 13, 12, 11, 10]),
+    ],
 )
 def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeypatch, lasting, begun):
     def grasps(problem, task, *_):
-        return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=task in lasting))
+        return SimpleNamespace(task=task, promise=task, search=lasts(lasting.get(task, -np.inf)))
 
     some = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -198,7 +208,7 @@ def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_
 
 
 def grasp_of(task: int) -> SimpleNamespace:
-    return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=False), gait=None)
+    return SimpleNamespace(task=task, promise=task, search=lasts(), gait=None)
 
 
 def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
@@ -229,10 +239,10 @@ def test_no_period_is_looked_for_where_the_hand_can_get_to_no_grasp(monkeypatch)
     assert searches._coming_back(problem, SimpleNamespace(search=search)) is None
 
 
-@pytest.mark.parametrize(("lasts", "asked"), [(False, ["gaits", "beside"]), (True, [])])
-def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, lasts, asked):
+@pytest.mark.parametrize(("straight", "asked"), [(False, ["gaits", "beside"]), (True, [])])
+def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monkeypatch, straight, asked):
     def grasps(problem, task, *_):
-        return SimpleNamespace(task=task, promise=task, search=SimpleNamespace(straight=lasts))
+        return SimpleNamespace(task=task, promise=task, search=lasts(0.1) if straight else lasts())
 
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)
@@ -245,7 +255,7 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
 
 
 def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
-    first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, straight=False))
+    first = SimpleNamespace(task=0, search=SimpleNamespace(lasting=0.5, **vars(lasts())))
 
     def none(*_):
         raise NoPlanFound("out of reach")
@@ -258,7 +268,7 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
 def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monkeypatch):
     def attempt(task: int, **search) -> SimpleNamespace:
         """Of a start with a grasp that so many fingers can leave."""
-        search = SimpleNamespace(straight=False, **search)
+        search = SimpleNamespace(**vars(lasts()), **search)
         return SimpleNamespace(task=task, promise=0.0, search=search, ease=task)
 
     begun = []
