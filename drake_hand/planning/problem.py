@@ -90,7 +90,7 @@ class Problem:
 
     @property
     def deadline(self) -> float:
-        """When searching ends (monotonic clock), so that the answer is there within the time limit."""
+        """When searching ends (monotonic clock), which leaves time for the answer."""
         limit = self.task.options.time_limit_s
         return self.started + limit - min(ANSWER_SHARE * limit, ANSWER_S)
 
