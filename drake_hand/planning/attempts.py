@@ -32,6 +32,8 @@ OFFERED_A_ROUND = 4
 """Start poses offered that are tried between two rounds of searches; of those beside others one is."""
 PROMISING_STARTS = 6
 """So many of the most promising starts are searched from, at any time."""
+SHORTEST_GAIT_TICKS = 37
+"""Shorter turns are left to grasps that last and to the search."""
 USABLE_TICKS = 8
 """Ticks for which a finger must be able to hold a contact to take part in a gait."""
 
@@ -76,7 +78,7 @@ def may_touch(problem: Problem, wanted: Grasp) -> frozenset[int]:
     return named_fingers(problem, wanted) or frozenset(range(len(problem.hand.fingers)))
 
 
-def gait_of(problem: Problem, attempt: Attempt) -> Node | None:
+def gait_of(problem: Problem, attempt: Attempt, wanted: Grasp) -> Node | None:
     """The end of a gait of equal strokes, where the path turns a symmetric object far enough for one."""
     table = _turned(problem, attempt)
     if table is None:
@@ -84,13 +86,14 @@ def gait_of(problem: Problem, attempt: Attempt) -> Node | None:
     moves = attempt.search.moves
     with problem.stage("gait"):
         fingers = [i for i in sorted(moves.fingers) if table.longest(i) > USABLE_TICKS]
-        return gait.propose(table, fingers, moves, by_finger(problem.hand, attempt.builder.q), attempt.search.able)
+        every, q = bool(wanted.fingers), by_finger(problem.hand, attempt.builder.q)
+        return gait.propose(table, fingers, every, moves, q, attempt.search.able)
 
 
 def _turned(problem: Problem, attempt: Attempt) -> ReachTable | None:
     """What fingers can reach of a symmetric object that is turned; None of others."""
     path = attempt.search.moves.path
-    if path.axis_W is None or path.ticks <= max(gait.STROKE_TICKS):
+    if path.axis_W is None or path.ticks < SHORTEST_GAIT_TICKS:
         return None
     table = ReachTable(problem.clearance, path, attempt.task.options.model)
     return table if table.symmetric else None
@@ -169,7 +172,7 @@ def further_starts(
             promises = sorted([*promises, found.promise])[-PROMISING_STARTS:]
         if staying is not None and found.promise > staying.promise:
             staying = found
-        if turned and (end := gait_of(problem, found)) is not None:
+        if turned and (end := gait_of(problem, found, wanted)) is not None:
             found, joins = replace(found, gait=end), True
             found.search.moves.evaluate([end])
             found.search.begin([end])

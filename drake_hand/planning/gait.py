@@ -3,15 +3,18 @@
 On a surface of revolution turned about its own axis every state comes back, so that one period is the whole
 plan. A gait is a base contact per finger, a stroke (ticks) and an order of steps; it is rated by the least
 margin with which the contacts hold the object anywhere in it, evaluated in compiled batches over many gaits.
+Often one finger's reach keeps all strokes short: where enough others hold, a gait without it may spare many regrasps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.planning.grasp import FIRM_FINGERS
 from drake_hand.planning.kernels import gait as kernels
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import Moves
@@ -21,14 +24,18 @@ from drake_hand.planning.strokes import carried
 from drake_hand.planning.switches import switch_to
 from drake_hand.planning.world import split
 
-STROKE_TICKS = (36, 28, 20, 14, 10)
-"""Ticks a gait may advance before it steps back, the longest first."""
+STROKE_TICKS = (48, 36, 29, 24, 18, 12)
+"""Ticks a gait may advance before it steps back; a little less where the path divides evenly so."""
 BASE_CONTACTS = 120
 """Base contacts per finger."""
+FEWER_SHARE = 0.8
+"""A gait without one of the fingers is taken if it has no more than this share of the regrasps."""
 GAITS_RATED = 6000
 """Random gaits rated per stroke."""
-GAITS_IMPROVED = 12
+GAITS_IMPROVED = 6
 """The most promising of them are improved."""
+GAITS_IN_VAIN = 3
+"""Improved gaits, none of which holds the object, after which the others are not improved."""
 IMPROVEMENT_N = 1e-3
 """By at least so much for each contact exchanged, N."""
 AMPLE_MARGIN_N = 0.3
@@ -47,41 +54,43 @@ class Gait:
 
 def find(
     reach: ReachTable,
-    fingers: list[int],
+    sets: list[tuple[int, ...]],
     load: Load,
     allowed: Callable[[frozenset[int]], bool],
     rng: np.random.Generator,
     *,
     enough: float,
     strokes: tuple[int, ...] = STROKE_TICKS,
+    regrasps: float = np.inf,
     starts: int = GAITS_IMPROVED,
-) -> list[Gait]:
-    """Gaits with the given fingers, the best first; the longest stroke whose margin is `enough` comes first.
+) -> Iterator[Gait]:
+    """Gaits whose margin is `enough`, the fewest regrasps first; then the others, the largest margin first.
 
     Args:
         reach: of a symmetric object.
-        fingers: indices of the fingers that take part.
+        sets: indices of the fingers that may take part together.
         load: what it takes to hold the object.
         allowed: whether the mode with a set of finger indices in contact may be used.
         rng: for sampling.
-        enough: margin with which a longer stroke is preferred over a larger margin.
-        strokes: ticks to advance, tried in this order.
+        enough: margin with which fewer regrasps are preferred over a larger margin.
+        strokes: ticks to advance, at most.
+        regrasps: at most, along the whole path.
         starts: local searches per stroke.
     """
-    everyone = frozenset(fingers)
-    steps = [allowed(everyone - {f}) for f in fingers]
-    if not allowed(everyone) or not all(steps):
-        return []
-    found: list[Gait] = []
-    for stroke in (s for s in strokes if s <= reach.path.ticks):
+    some = [x for x in sets if allowed(frozenset(x)) and all(allowed(frozenset(x) - {f}) for f in x)]
+    counts = {-(-reach.path.ticks // stroke) - 1 for stroke in strokes if stroke <= reach.path.ticks}
+    lesser: list[Gait] = []
+    for count, fingers in sorted(itertools.product(counts, some), key=lambda x: (x[0] * len(x[1]), x)):
+        stroke = -(-reach.path.ticks // (count + 1))
         pools = [_sample([h for h in reach.spans(f, 0) if len(h.q) > stroke], rng) for f in fingers]
-        if not all(pools):
+        if count * len(fingers) > regrasps or not all(pools):
             continue
-        rated = _Rating(reach, fingers, load, pools, stroke).best(rng, starts)
-        found += rated
-        if rated and rated[0].margin >= enough:
-            break
-    return sorted(found, key=lambda g: -min(g.margin, enough) - 1e-3 * g.stroke * (g.margin >= enough))
+        for one in _Rating(reach, fingers, load, pools, stroke).best(rng, starts):
+            if one.margin >= enough:
+                yield one
+            else:
+                lesser.append(one)
+    yield from sorted(lesser, key=lambda g: -g.margin)
 
 
 def _sample(spans: list[ContactSpan], rng: np.random.Generator) -> list[ContactSpan]:
@@ -91,6 +100,7 @@ def _sample(spans: list[ContactSpan], rng: np.random.Generator) -> list[ContactS
 def propose(
     table: ReachTable,
     fingers: list[int],
+    every: bool,
     moves: Moves,
     q: np.ndarray,
     able: Callable[[Node], bool],
@@ -99,16 +109,23 @@ def propose(
 
     Args:
         table: of a symmetric object.
-        fingers: indices of the fingers that take part.
+        fingers: indices of the fingers that may take part.
+        every: whether all of them have to.
         moves: of the same path.
         q: (n, m) where the others wait, rad.
         able: whether the hand can get to a grasp.
     """
-    for gait in find(table, fingers, moves.load, moves.allowed, moves.rng, enough=AMPLE_MARGIN_N):
-        end = _unrolled(gait, table, moves, q) if able(_root(gait, moves, q)) else None
-        if end is not None:
-            return end
-    return None
+    end, most = None, np.inf
+    fewer = not every and len(fingers) > FIRM_FINGERS + 1  # with another one lifted, enough still hold
+    for n in (len(fingers), len(fingers) - 1)[: 1 + fewer]:
+        sets = list(itertools.combinations(fingers, n))
+        for gait in find(table, sets, moves.load, moves.allowed, moves.rng, enough=AMPLE_MARGIN_N, regrasps=most):
+            found = _unrolled(gait, table, moves, q) if able(_root(gait, moves, q)) else None
+            if found is not None:
+                end = found
+                break
+        most = FEWER_SHARE * (end.regrasps if end else n * moves.path.ticks / min(STROKE_TICKS))
+    return end
 
 
 def _root(gait: Gait, moves: Moves, q: np.ndarray) -> Node:
@@ -163,7 +180,7 @@ class _Rating:
     """Rates gaits of one stroke over fixed pools of base contacts."""
 
     def __init__(
-        self, reach: ReachTable, fingers: list[int], load: Load, pools: list[list[ContactSpan]], stroke: int
+        self, reach: ReachTable, fingers: tuple[int, ...], load: Load, pools: list[list[ContactSpan]], stroke: int
     ) -> None:
         self.reach, self.load, self.pools, self.stroke = reach, load, pools, stroke
         self.fingers = np.array(fingers)
@@ -188,7 +205,11 @@ class _Rating:
             sample = sample[np.argsort(-self._together(sample, stepped), kind="stable")[: max(len(sample) // 8, 1)]]
         rating, _ = self._widest(sample)
         first = [x for x in np.argsort(-rating, kind="stable")[:starts] if np.isfinite(rating[x])]
-        best = dict(self._climb(sample[x], rating[x], sizes) for x in first)
+        best: dict[tuple[int, ...], float] = {}
+        for k, x in enumerate(first):
+            if k == GAITS_IN_VAIN and max(best.values()) < 0:
+                break
+            best |= [self._climb(sample[x], rating[x], sizes)]
         return [
             Gait(
                 spans=tuple(pool[j] for pool, j in zip(self.pools, row, strict=True)),

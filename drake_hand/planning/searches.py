@@ -87,7 +87,7 @@ def from_grasps(
             break
     _most_promising_first(free)
     if not (straight := any(x.search.straight for x in free)):
-        for x, end in _gaits(problem, free):
+        for x, end in _gaits(problem, free, wanted):
             yield x.task, _built(problem, x.builder, x.search.moves, _shortened(problem, x, end, SHORTENED_SHARE))
         if movable:
             with problem.stage("grasp"):
@@ -223,7 +223,7 @@ def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoP
     return Stopped(why, path)
 
 
-def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Node]]:
+def _gaits(problem: Problem, attempts: list[Attempt], wanted: Grasp) -> list[tuple[Attempt, Node]]:
     """The ends of periodic gaits from some starts, the fewest regrasps first."""
     found: list[tuple[Attempt, Node]] = []
     for k, x in enumerate(attempts):
@@ -231,7 +231,7 @@ def _gaits(problem: Problem, attempts: list[Attempt]) -> list[tuple[Attempt, Nod
         enough = len(found) >= GAITS_WANTED or any(end.regrasps <= few for _, end in found)
         if (k >= GAIT_STARTS and enough) or time.monotonic() > problem.deadline:
             break
-        if (end := gait_of(problem, x)) is not None:
+        if (end := gait_of(problem, x, wanted)) is not None:
             found.append((x, end))
     return sorted(found, key=lambda pair: pair[1].regrasps)
 

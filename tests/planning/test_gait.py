@@ -1,6 +1,9 @@
 """Periodic gaits: bases that last a stroke and hold at both ends, with any finger lifted in the order given."""
 
 import itertools
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.world import load_on_hand
 from tests.planning.small import equilibrium, margins, moves, path, table, turn, waiting
 
-FINGERS = [0, 1, 2, 3]
+FINGERS = (0, 1, 2, 3)
 STROKE = 10
 AMPLE_MARGIN_N = 0.1
 
@@ -28,7 +31,7 @@ def gaits(reach):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gait, "GAITS_RATED", 1000)  # a look at fewer: this is about what is found, not how much
         patch.setattr(gait, "BASE_CONTACTS", 40)
-        return gait.find(reach, FINGERS, bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,), starts=1)
+        return list(gait.find(reach, [FINGERS], bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,), starts=1))
 
 
 def margin(reach, one: gait.Gait, ages: list[int], lifted: int | None) -> float:
@@ -76,9 +79,10 @@ def test_the_best_come_first(gaits):
 def test_there_is_no_gait_in_modes_that_may_not_be_used_or_strokes_too_long(reach):
     bears, rng = load_on_hand(equilibrium("quartet", "cylinder"), 2), np.random.default_rng(0)
     never_lifts = lambda touching: len(touching) == 4  # noqa: E731
-    assert gait.find(reach, FINGERS, bears, never_lifts, rng, enough=AMPLE_MARGIN_N, strokes=(STROKE,)) == []
+    find = partial(gait.find, reach, [FINGERS], bears, rng=rng, enough=AMPLE_MARGIN_N)
+    assert not list(find(allowed=never_lifts, strokes=(STROKE,)))
     every = lambda touching: True  # noqa: E731
-    assert gait.find(reach, FINGERS, bears, every, rng, enough=AMPLE_MARGIN_N, strokes=(10_000,)) == []
+    assert not list(find(allowed=every, strokes=(10_000,)))
 
 
 def test_the_last_stroke_is_longer_only_where_that_is_clear_and_holds(monkeypatch):
@@ -86,11 +90,75 @@ def test_the_last_stroke_is_longer_only_where_that_is_clear_and_holds(monkeypatc
     way, reach = path("quartet", asked), table("quartet", "cylinder", asked)
     real = gait.carried
 
+    m, every = moves("quartet", "cylinder", way), lambda touching: True
+    some = list(gait.find(reach, [FINGERS], m.load, every, m.rng, enough=AMPLE_MARGIN_N, strokes=(29,)))
+
     def strokes() -> list[float]:
-        m, able = moves("quartet", "cylinder", way), iter([False] * 3)  # the contacts of three gaits last no longer
-        end = gait.propose(reach, list(range(4)), m, waiting("quartet"), lambda root: next(able, True))
+        ends = (gait._unrolled(replace(x, stroke=28), reach, m, waiting("quartet")) for x in some)
+        end = next(x for x in ends if x is not None)
         return [after.s - before.s for before, after in itertools.pairwise(end.chain) if after.s > before.s]
 
     assert strokes() == [28.0, 29.0]
     monkeypatch.setattr(gait, "carried", lambda m, x, s, off: real(m, x, s, off) if s - x.s <= 28 else None)
     assert strokes() == [28.0, 28.0, 1.0]
+
+
+@pytest.mark.parametrize(("every", "sets"), [(True, {5}), (False, {5, 4})])
+def test_a_gait_may_leave_a_finger_out_where_that_spares_regrasps(monkeypatch, every, sets):
+    """Five fingers step back every 12 ticks, any four of them every 48; a grasp of named fingers keeps all."""
+    asked, way = [], path("quartet", turn(360.0))
+
+    def find(table, some, *_, regrasps, **__):
+        asked.extend((len(x), regrasps) for x in some)
+        return iter([SimpleNamespace(spans=(), n=len(x)) for x in some])
+
+    def unrolled(found, *_):
+        return SimpleNamespace(regrasps=55 if found.n == 5 else 8)
+
+    monkeypatch.setattr(gait, "find", find)
+    monkeypatch.setattr(gait, "_root", lambda *_: None)
+    monkeypatch.setattr(gait, "_unrolled", unrolled)
+    m = moves("quartet", "cylinder", way)
+    end = gait.propose(None, list(range(5)), every, m, None, lambda root: True)
+    assert {n for n, _ in asked} == sets
+    assert end.regrasps == (55 if every else 8)
+    assert {most for n, most in asked if n == 4} <= {gait.FEWER_SHARE * 55}
+
+
+def test_four_fingers_leave_none_out(monkeypatch):
+    """With another one lifted only two would hold, and the object could turn about the line between them."""
+    asked = []
+    monkeypatch.setattr(gait, "find", lambda table, some, *_, **__: asked.extend(some) or iter(()))
+    m = moves("quartet", "cylinder", path("quartet", turn(360.0)))
+    assert gait.propose(None, list(range(4)), False, m, None, lambda root: True) is None
+    assert asked == [FINGERS]
+
+
+def test_fewest_regrasps_come_first_and_no_more_than_asked(reach):
+    bears, every = load_on_hand(equilibrium("quartet", "cylinder"), 2), lambda touching: True
+
+    def strokes(most: float) -> list[int]:
+        rng = np.random.default_rng(0)
+        some = gait.find(reach, [FINGERS], bears, every, rng, enough=0.0, strokes=(5, 10), regrasps=most, starts=1)
+        return [x.stroke for x in some]
+
+    assert set(strokes(np.inf)) == {10, 5}
+    assert strokes(np.inf) == sorted(strokes(np.inf), reverse=True)
+    assert set(strokes(4.0)) == {10}, "one step back for each finger; with the shorter stroke three"
+
+
+@pytest.mark.parametrize(("margins", "improved"), [([-1.0, -1.0, -1.0, 0.5], 3), ([-1.0, 0.2, -1.0, 0.5], 4)])
+def test_improving_gaits_is_given_up_where_none_holds(reach, monkeypatch, margins, improved):
+    asked = iter(margins)
+    climbed = []
+
+    def climb(self, row, margin, sizes):
+        climbed.append(row)
+        return tuple(row.tolist()), next(asked)
+
+    monkeypatch.setattr(gait._Rating, "_climb", climb)
+    bears, every = load_on_hand(equilibrium("quartet", "cylinder"), 2), lambda touching: True
+    rng = np.random.default_rng(0)
+    found = list(gait.find(reach, [FINGERS], bears, every, rng, enough=0.1, strokes=(STROKE,), starts=4))
+    assert len(climbed) == improved
+    assert [x.margin for x in found] == sorted((x for x in margins[:improved] if x >= 0), reverse=True)

@@ -50,8 +50,8 @@ def problem_of(start: object) -> SimpleNamespace:
 )
 def test_gaits_are_looked_for_until_one_is_good(monkeypatch, regrasps, taken, looked_at):
     looked = []
-    monkeypatch.setattr(searches, "gait_of", lambda problem, x: looked.append(x) or x.gait)
-    found = searches._gaits(ENDLESS, attempts(360.0, regrasps))
+    monkeypatch.setattr(searches, "gait_of", lambda problem, x, wanted: looked.append(x) or x.gait)
+    found = searches._gaits(ENDLESS, attempts(360.0, regrasps), Grasp())
     assert (found[0][1].regrasps if found else None) == taken
     assert len(looked) == looked_at
 
@@ -72,7 +72,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     begun = []
     monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
-    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.append(failures) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES - 1
@@ -94,7 +94,7 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
     some = []
     monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
-    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: some.extend(these) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert [x.task for x in some] == begun
@@ -147,7 +147,7 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, prom
     monkeypatch.setattr(attempts_, "OFFERED_A_ROUND", a_round)
     monkeypatch.setattr(attempts_, "from_start", attempt)
     monkeypatch.setattr(attempts_, "_turned", lambda *_: turned or None)
-    monkeypatch.setattr(attempts_, "gait_of", lambda problem, x: f"gait {x.task}" if x.task in gaits else None)
+    monkeypatch.setattr(attempts_, "gait_of", lambda problem, x, wanted: f"gait {x.task}" if x.task in gaits else None)
     monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
     more = attempts_.further_starts(problem_of("auto"), range(1, 1 + offered), [attempt(None, 0)], Grasp(), [], [])
     return more, beside, begun
@@ -201,7 +201,7 @@ def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_
     monkeypatch.setattr(searches, "may_touch", lambda problem, wanted: frozenset())
     monkeypatch.setattr(searches, "most_enduring_first", lambda problem, tasks, *_: tasks[::-1])
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
-    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(7)), Grasp(), ["a step"], [])) == []
     assert asked == [0, 1, 2, 3, 6, 5, 4]
@@ -247,7 +247,7 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
     told = []
     monkeypatch.setattr(searches, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
-    monkeypatch.setattr(searches, "_gaits", lambda problem, some: told.append("gaits") or [])
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: told.append("gaits") or [])
     monkeypatch.setattr(searches, "starts_beside", lambda problem, *_: told.append("beside") or [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: iter(()))
     assert list(searches.from_grasps(problem_of("auto"), list(range(40)), Grasp(), [], [])) == []
@@ -274,7 +274,7 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
     begun = []
     monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
-    monkeypatch.setattr(searches, "_gaits", lambda problem, some: [])
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.extend(some) or iter(()))
     assert list(searches.from_grasps(problem_of(None), [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
