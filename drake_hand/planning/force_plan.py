@@ -44,7 +44,12 @@ WEIGHTLESS_SHARE = 0.05
 
 
 def add_forces(
-    legs: list[Leg], scene: Scene, gravity_W: np.ndarray, holding: Equilibrium, on_table: bool = False
+    legs: list[Leg],
+    scene: Scene,
+    gravity_W: np.ndarray,
+    holding: Equilibrium,
+    on_table: bool = False,
+    until: float = np.inf,
 ) -> list[Leg]:
     """Adds forces and joint offsets to legs.
 
@@ -56,11 +61,13 @@ def add_forces(
         gravity_W: (3,) m/s^2.
         holding: friction, weight, preload and efforts to plan with.
         on_table: whether a table takes the fixture's place: it bears what the fingers do not bear of the weight.
+        until: when to give up (monotonic clock).
 
     Returns:
         The legs with f_W and q_offset.
 
     Raises:
+        OutOfTime: the forces were not found in time.
         NoPlanFound: no forces balance the object; names the first knot at which none do.
     """
     hand, object_ = scene.hand, scene.object
@@ -122,7 +129,7 @@ def add_forces(
     # knots that are known to be too coarse before there are forces save computing these twice
     more = finer(legs, starts, p, torque_lost(starts, p, -(load * problem.preload)[..., None] * normal) / lost)
     if more is not None:
-        return add_forces(more, scene, gravity_W, holding, on_table)
+        return add_forces(more, scene, gravity_W, holding, on_table, until)
     tips = PressedTips(
         hand=hand,
         J_WP=J,
@@ -138,13 +145,13 @@ def add_forces(
     solved: dict[bytes, np.ndarray] = {}
     for _ in range(TORSION_PASSES):
         try:
-            f_W = forces_along(contacts, problem, starts, solved)
+            f_W = forces_along(contacts, problem, starts, solved, until)
         except Unbalanced as e:
             raise _blamed(e, contacts, problem, legs, starts, X) from e
         offset = tips.offsets(f_W)
         more = finer(legs, starts, p, np.maximum(torque_lost(starts, p, f_W) / lost, tips.lost(starts, f_W, offset)))
         if more is not None:
-            return add_forces(more, scene, gravity_W, holding, on_table)
+            return add_forces(more, scene, gravity_W, holding, on_table, until)
         again = _as_pressed(problem, starts, hand, holding, f_W, normal, bend, lost)
         if again is None:
             break

@@ -7,6 +7,7 @@ contacts, so most of its windows are alike, however often it goes round.
 from __future__ import annotations
 
 import itertools
+import time
 from functools import partial
 
 import numpy as np
@@ -23,8 +24,16 @@ _ALIKE_DECIMALS = 9
 """To which windows are alike: m, N, Nm."""
 
 
+class OutOfTime(Exception):
+    """The forces of all windows were not found in time."""
+
+
 def forces_along(
-    sets: ContactSets, problem: ForceProblem, starts: np.ndarray, solved: dict[bytes, np.ndarray] | None = None
+    sets: ContactSets,
+    problem: ForceProblem,
+    starts: np.ndarray,
+    solved: dict[bytes, np.ndarray] | None = None,
+    until: float = np.inf,
 ) -> np.ndarray:
     """Forces as `balance_forces` finds them, of a path of many knots.
 
@@ -33,13 +42,21 @@ def forces_along(
         problem: at the same knots.
         starts: (legs + 1,) knots at which legs start, where windows may, and the last knot.
         solved: forces of windows by what makes them alike, from earlier calls; those found are added.
+        until: when to give up (monotonic clock).
 
     Returns:
         (n, k, 3) force of every finger on the object, N.
 
     Raises:
         Unbalanced: no forces balance the object.
+        OutOfTime: not found in time.
     """
+
+    def balanced(some: ContactSets, of: ForceProblem) -> np.ndarray:
+        if time.monotonic() > until:
+            raise OutOfTime
+        return balance_forces(some, of).f_W
+
     n = len(sets)
     bounds = _bounds(starts, n)
     windows = [slice(max(a - OVERLAP_KNOTS, 0), min(b + OVERLAP_KNOTS, n)) for a, b in itertools.pairwise(bounds)]
@@ -47,8 +64,8 @@ def forces_along(
     keys = [_key(*some) for some in inputs]
     solved = {} if solved is None else solved
     new = {key: some for key, some in zip(keys, inputs, strict=True) if key not in solved}
-    found = at_once([partial(balance_forces, *some) for some in new.values()])
-    solved.update((key, forces.f_W) for key, forces in zip(new, found, strict=True))
+    found = at_once([partial(balanced, *some) for some in new.values()])
+    solved.update(zip(new, found, strict=True))
     blocks = zip(keys, windows, itertools.pairwise(bounds), strict=True)
     return np.concatenate([solved[key][a - w.start : b - w.start] for key, w, (a, b) in blocks])
 

@@ -89,10 +89,14 @@ class Problem:
             self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
 
     @property
+    def limit(self) -> float:
+        """When there is to be an answer (monotonic clock)."""
+        return self.started + self.task.options.time_limit_s
+
+    @property
     def deadline(self) -> float:
         """When searching ends (monotonic clock), which leaves time for the answer."""
-        limit = self.task.options.time_limit_s
-        return self.started + limit - min(ANSWER_SHARE * limit, ANSWER_S)
+        return self.limit - min(ANSWER_SHARE * self.task.options.time_limit_s, ANSWER_S)
 
     def builder(self, task: Task) -> LegBuilder:
         """A builder of legs that begin with the hand at home and the object at the task's start."""

@@ -27,7 +27,7 @@ from drake_hand.planning.attempts import (
 from drake_hand.planning.ease import at_ease, ease
 from drake_hand.planning.endurance import most_enduring_first
 from drake_hand.planning.failure import Stopped, no_plan
-from drake_hand.planning.finish import finished
+from drake_hand.planning.finish import partly
 from drake_hand.planning.legs import LegBuilder, follow
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
@@ -218,7 +218,7 @@ def _stopped(problem: Problem, attempts: list[Attempt], why: NoPlanFound) -> NoP
         return why
 
     def path() -> Path:
-        return finished(problem, best.task, _built(problem, best.builder, best.search.moves, farthest))
+        return partly(problem, best.task, _built(problem, best.builder, best.search.moves, farthest))
 
     return Stopped(why, path)
 

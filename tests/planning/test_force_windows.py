@@ -98,3 +98,9 @@ def test_no_balance_is_said() -> None:
     """As by one program."""
     with pytest.raises(Unbalanced):
         force_windows.forces_along(*path(20, friction=0.0))
+
+
+def test_forces_are_given_up_when_time_is_up() -> None:
+    sets, problem, starts = path(4)
+    with pytest.raises(force_windows.OutOfTime):
+        force_windows.forces_along(sets, problem, starts, until=0.0)

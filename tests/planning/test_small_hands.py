@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from drake_hand import api
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.planner import find_paths
+from drake_hand.planning.problem import Problem
 from drake_hand.plans.task import Grasp, Pose, Slide, Step
 from tests.planning.small import move, runs_out, task, turn
 
@@ -81,6 +82,16 @@ def test_a_search_that_ends_early_leaves_the_part_it_found(monkeypatch):
     failures = api.check(part).failures
     assert failures
     assert all("goal" in failure for failure in failures), "all else is as it should be"
+
+
+def test_a_part_has_no_forces_where_there_is_no_time_for_them(monkeypatch):
+    runs_out(monkeypatch, 4)
+    with pytest.raises(NoPlanFound, match="motion") as e:
+        api.solve(task("quartet", "pencil_r8", turn(720.0), modes=["0000", "1111"]))
+    monkeypatch.setattr(Problem, "limit", 0.0)
+    part = api.unfinished(e.value)
+    assert part.modes[-1] == "1111"
+    assert all(c.f_W is None for x in part.parts for c in x.contacts.values())
 
 
 def test_out_of_reach_is_said_with_mode_finger_and_pose():
