@@ -28,9 +28,10 @@ from drake_hand.planning.failure import no_plan
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels.hold import SERVO_ROOM_RAD
-from drake_hand.planning.knots import finer, rests, torque_lost, with_ramps
+from drake_hand.planning.knots import drag_lost, finer, rests, torque_lost, with_ramps
 from drake_hand.planning.slide import directions
 from drake_hand.plans.path import Leg
+from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 
 SLIDING_FORCE_N = 0.2
 """Normal force with which a finger slides, N: twice the least a contact may have."""
@@ -149,7 +150,10 @@ def add_forces(
         except Unbalanced as e:
             raise _blamed(e, contacts, problem, legs, starts, X) from e
         offset = tips.offsets(f_W)
-        more = finer(legs, starts, p, np.maximum(torque_lost(starts, p, f_W) / lost, tips.lost(starts, f_W, offset)))
+        drag = holding.sliding_friction * np.maximum(-np.sum(f_W * normal, axis=-1), 0.0)
+        dragged = drag_lost(starts, light.slip_W, drag) * TORQUE_LENGTH_M
+        shares = np.maximum(torque_lost(starts, p, f_W), dragged) / lost
+        more = finer(legs, starts, p, np.maximum(shares, tips.lost(starts, f_W, offset)))
         if more is not None:
             return add_forces(more, scene, gravity_W, holding, on_table, until)
         again = _as_pressed(problem, starts, hand, holding, f_W, normal, bend, lost)

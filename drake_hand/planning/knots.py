@@ -87,6 +87,24 @@ def torque_lost(starts: np.ndarray, p_WP: np.ndarray, f_W: np.ndarray) -> np.nda
     return np.linalg.norm(lost.sum(axis=1), axis=1)
 
 
+def drag_lost(starts: np.ndarray, slip_W: np.ndarray, drag: np.ndarray) -> np.ndarray:
+    """Force lost halfway between knots by contacts whose direction of sliding turns.
+
+    At knots it is known by central differences, off by a sixth of its second difference, and linear in between, off by
+    an eighth.
+
+    Args:
+        starts: (legs + 1,) the knots that legs start at.
+        slip_W: (n, k, 3) unit directions of sliding, zero where nothing slides.
+        drag: (n, k) friction of what slides, N.
+
+    Returns:
+        (n - 1,) N.
+    """
+    turned = 7 / 3 * np.linalg.norm(off_halfway(starts, slip_W), axis=-1)
+    return (turned * np.maximum(drag[1:], drag[:-1])).sum(axis=1)
+
+
 def off_halfway(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(n - 1, ...) how far rows (n, ...) that are smooth within legs are from linear, halfway to the next."""
     if len(rows) < 3:

@@ -14,12 +14,13 @@ from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
 from drake_hand.planning import force_plan
 from drake_hand.planning.command_offsets import PressedTips
-from drake_hand.planning.force_plan import _arms, _as_pressed, add_forces
+from drake_hand.planning.force_plan import INTERPOLATION_LOSS_M, _arms, _as_pressed, add_forces
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import Surroundings, lift_off
 from drake_hand.plans.path import Leg
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH_M
 from tests.planning.small import UP, contact, equilibrium, scene, table, turn
 
 
@@ -149,6 +150,15 @@ def test_a_leg_gets_knots_enough_for_what_commands_lose_between_them(monkeypatch
     enough = len(with_forces(coarse_legs()).q) - 1
     lost = iter([63.0, 0.9, 0.9])
     monkeypatch.setattr(PressedTips, "lost", lambda tips, starts, f_W, offset: np.full(len(f_W) - 1, next(lost)))
+    assert len(with_forces(coarse_legs()).q) - 1 == 4 * enough, "balance alone takes two of the eight"
+    assert next(lost) == 0.9, "asked again of the finer leg, and no more"
+
+
+def test_a_leg_gets_knots_enough_for_what_turns_while_it_slides(monkeypatch):
+    enough = len(with_forces(coarse_legs()).q) - 1
+    tolerable = INTERPOLATION_LOSS_M * MASS * STANDARD_GRAVITY / TORQUE_LENGTH_M
+    lost = iter([63.0, 0.9, 0.9])
+    monkeypatch.setattr(force_plan, "drag_lost", lambda _, slip_W, drag: np.full(len(drag) - 1, tolerable * next(lost)))
     assert len(with_forces(coarse_legs()).q) - 1 == 4 * enough, "balance alone takes two of the eight"
     assert next(lost) == 0.9, "asked again of the finer leg, and no more"
 
