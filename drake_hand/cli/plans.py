@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,6 +74,8 @@ def plan(
             if unfinished:
                 _keep(unfinished, output)
             raise
+    from drake_hand.verify.pieces import pieces
+
     found = result.plan
     page = api.show(found) if html else None
     found.save(output)
@@ -85,6 +88,7 @@ def plan(
                 "modes": found.modes,
                 "regrasps": result.regrasps,
                 "duration_s": found.duration,
+                "pieces": [asdict(piece) for piece in pieces(found)],
                 "plan_s": result.plan_s,
                 "stages_s": result.stages_s,
                 "compared": result.compared,

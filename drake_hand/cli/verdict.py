@@ -8,7 +8,7 @@ from drake_hand.plans.plan import Certificate, Plan
 
 
 def print_plan(subject: Plan, *, regrasps: int, everything: bool) -> None:
-    """Prints the verdict about a new plan, the modes of each finger over time, and its certificate.
+    """Prints the verdict about a new plan, the modes of each finger over time, its steps, and its certificate.
 
     Args:
         subject: the plan, with its certificate.
@@ -16,12 +16,13 @@ def print_plan(subject: Plan, *, regrasps: int, everything: bool) -> None:
         everything: also every part, and all figures of the certificate.
     """
     from drake_hand.plans.words import mode_strip, plan_verdict
+    from drake_hand.verify.pieces import piece_lines
 
     print(plan_verdict(subject, Hand.load(subject.task.hand)))
     print(
         f"{len(subject.parts)} parts, {regrasps} regrasp{'s' * (regrasps != 1)}, {subject.duration:.1f} s of motion\n"
     )
-    print("\n".join(mode_strip(subject)), "  . free  = rolling  ~ sliding", sep="\n")
+    print("\n".join(mode_strip(subject)), "  . free  = rolling  ~ sliding", *piece_lines(subject), sep="\n")
     if everything:
         print_table(
             "Parts",

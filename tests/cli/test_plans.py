@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from drake_hand import api, cli
+from drake_hand.cli.verdict import print_plan
 from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Plan
 from drake_hand.view import figures
@@ -188,9 +189,16 @@ def test_plan_answers_in_json(certified, tmp_path, monkeypatch, capsys):
     answer = json.loads(capsys.readouterr().out)
     assert answer["status"] == "certified"
     assert answer["modes"] == certified.modes
+    assert answer["pieces"] == [], "it grasps, and no more"
     assert (answer["regrasps"], answer["plan_s"], answer["stages_s"]) == (1, 0.5, result.stages_s)
     assert cli.run(["plan", "sample", "-o", str(tmp_path / "a.json"), "--better"]) == 0
     assert "the best of 1 certified plan\n" in capsys.readouterr().out
+
+
+def test_plan_tells_in_what_pieces_a_step_is_carried_out(certified, capsys, monkeypatch):
+    monkeypatch.setattr("drake_hand.verify.pieces.piece_lines", lambda plan: ["step 2, in two pieces"])
+    print_plan(certified, regrasps=0, everything=False)
+    assert "sliding\nstep 2, in two pieces\n" in capsys.readouterr().out
 
 
 def test_time_limit_must_be_positive(tmp_path, capsys):
