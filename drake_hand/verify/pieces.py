@@ -74,6 +74,19 @@ def piece_lines(plan: Plan) -> list[str]:
     return lines
 
 
+def piece_words(plan: Plan) -> list[tuple[float, str]]:
+    """When each piece ends, s, and what it is of which step, in a few words."""
+    every = pieces(plan)
+    told = []
+    for x in every:
+        own = [y for y in every if y.step == x.step]
+        words = f"step {x.step + 1}, {step_words(plan.task.motion[x.step])}"
+        if len(own) > 1:
+            words += f", piece {own.index(x) + 1} of {len(own)}: to {x.end:.0f} {x.unit}"
+        told.append((x.ends_s, words))
+    return told
+
+
 def _moving(plan: Plan) -> list[tuple[float, float]]:
     """When the object moves: from when to when, s."""
     spans: list[tuple[float, float]] = []

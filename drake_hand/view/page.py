@@ -18,6 +18,7 @@ import numpy as np
 from drake_hand.files import write_atomic
 from drake_hand.plans.plan import Certificate, Plan
 from drake_hand.plans.words import badge, figure, figure_lines, per_cent, plan_verdict, title
+from drake_hand.verify.pieces import piece_words
 from drake_hand.view.colors import SUBMODEL_COLORS
 from drake_hand.view.course import Course
 
@@ -113,6 +114,7 @@ def add_panel(
         "facts": facts,
         "stop": asdict(stop) if stop else None,
         "duration": plan.duration,
+        "pieces": piece_words(plan),
         "parts": [{"mode": p.mode, "end": p.t[-1], "events": p.events} for p in plan.parts],
         "strips": [asdict(s) for s in strips or plan_strips(course)],
         "rows": [_row(plan, course, i) for i in range(len(plan.fingers))],

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_hand.plans.plan import Part, Plan
 from drake_hand.plans.task import Grasp, Pose, Rotate, Step, Task, Translate
-from drake_hand.verify.pieces import piece_lines, pieces
+from drake_hand.verify.pieces import piece_lines, piece_words, pieces
 
 REST_S = 1.0
 
@@ -76,3 +76,15 @@ def test_a_piece_ends_where_its_step_does():
 )
 def test_lines_tell_few_pieces_one_by_one(moves, line):
     assert piece_lines(plan(*moves, steps=[turn(sum(a for some in moves for a, _ in some))])) == [line]
+
+
+def test_each_piece_is_told_with_where_it_leads():
+    told = piece_words(
+        plan([(100, 0)], [(260, 0), (0, 20)], steps=[turn(360), Step(translate=Translate(by_mm=(20, 0, 0)))])
+    )
+    assert [words for _, words in told] == [
+        "step 2, rotate 360 deg, piece 1 of 2: to 100 deg",
+        "step 2, rotate 360 deg, piece 2 of 2: to 360 deg",
+        "step 3, translate 20, 0, 0 mm",
+    ]
+    np.testing.assert_allclose([end for end, _ in told], [2.0, 3.5, 4.0], atol=0.02)

@@ -60,6 +60,20 @@ def text(tab, selector: str) -> str:
 
 
 @pytest.mark.slow
+def test_the_card_tells_which_piece_of_which_step_is_on_or_next(browser, sample_plan, folder, monkeypatch):
+    monkeypatch.setattr(
+        "drake_hand.view.page.piece_words", lambda plan: [(2.0, "step 2, the first"), (4.0, "the last")]
+    )
+    with opened(browser, saved(api.show(sample_plan), folder / "pieces.html"), size=(900, 620)) as tab:
+        tab.wait_for_function(READY)
+        seen = []
+        for t in (1.0, 2.0, 2.5, 4.5):
+            seek(tab, t)
+            seen.append(text(tab, "#dh-step"))
+        assert seen == ["step 2, the first"] * 2 + ["the last"] * 2
+
+
+@pytest.mark.slow
 def test_a_plan_plays_shows_mode_and_time_and_answers_keys_and_clicks(browser, plan_page):
     with opened(browser, plan_page, size=(900, 620)) as tab:
         tab.wait_for_function("dh.now() > 0 && document.querySelector('#dh-play').textContent === '\u275a\u275a'")

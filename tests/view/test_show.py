@@ -22,6 +22,7 @@ from drake_hand.errors import Evidence, NoPlanFound
 from drake_hand.plans.plan import Certificate, Worst
 from drake_hand.plans.task import Rotate, Step
 from drake_hand.plans.words import KINEMATIC, title
+from drake_hand.view import page as pages
 from drake_hand.view import show, stage
 from drake_hand.view.course import Course
 from drake_hand.view.page import add_panel, certificate_facts, plan_strips
@@ -111,6 +112,12 @@ def test_strips_count_turns_with_winding(sample_plan, hand):
     assert turn.values[-1] == pytest.approx(-720, abs=0.5)
     resting = plan_strips(Course.of(sample_plan, hand, np.linspace(0, 5, 51)))
     assert "turned" not in [s.name for s in resting]
+
+
+def test_the_page_knows_the_pieces_of_each_step(sample_plan, hand, monkeypatch):
+    monkeypatch.setattr(pages, "piece_words", lambda plan: [(3.0, f"step 2 of {plan.hand}")])
+    html = add_panel("<body></body>", sample_plan, Course.of(sample_plan, hand, np.array([0.0, 5.0])), SCENE)
+    assert panel_data(html)["pieces"] == [[3.0, "step 2 of kanguera"]]
 
 
 def test_text_from_a_plan_cannot_leave_its_place(sample_plan, hand):

@@ -176,6 +176,8 @@
     for (const { path, ends, each } of data.ways) // a way grows as it is gone
       node(path).traverse((o) => { if (o.isMesh) o.geometry.setDrawRange(0, each * ends.filter((end) => end <= t).length); });
     viewer.set_dirty();
+    // between pieces fingers switch for the next one
+    find("#dh-step").textContent = (data.pieces.find(([end]) => t <= end) ?? data.pieces.at(-1) ?? [0, ""])[1];
     let i = data.parts.findIndex((p) => t < p.end);
     if (i < 0) i = data.parts.length - 1;
     if (i === part) return;
