@@ -25,7 +25,7 @@ def partly(problem: Problem, task: Task, builder: LegBuilder) -> Path:
         NoPlanFound: no forces balance the object somewhere along it.
     """
     try:
-        return finished(problem, task, builder, until=problem.limit)
+        return finished(problem, task, builder, until=problem.late)
     except OutOfTime:
         return _path(problem, task, builder, kept(builder.legs))
 

@@ -89,14 +89,22 @@ class Problem:
             self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
 
     @property
-    def limit(self) -> float:
-        """When there is to be an answer (monotonic clock)."""
+    def deadline(self) -> float:
+        """When searching ends (monotonic clock), which leaves time for the answer."""
+        return self._limit - self._answer_s
+
+    @property
+    def late(self) -> float:
+        """When half the time for the answer is gone, and with it that for the forces of a part."""
+        return self._limit - self._answer_s / 2
+
+    @property
+    def _limit(self) -> float:
         return self.started + self.task.options.time_limit_s
 
     @property
-    def deadline(self) -> float:
-        """When searching ends (monotonic clock), which leaves time for the answer."""
-        return self.limit - min(ANSWER_SHARE * self.task.options.time_limit_s, ANSWER_S)
+    def _answer_s(self) -> float:
+        return min(ANSWER_SHARE * self.task.options.time_limit_s, ANSWER_S)
 
     def builder(self, task: Task) -> LegBuilder:
         """A builder of legs that begin with the hand at home and the object at the task's start."""

@@ -318,5 +318,7 @@ def test_a_further_start_joins_after_each_round_that_found_nothing_and_has_its_t
 
 @pytest.mark.parametrize(("limit", "ends"), [(10.0, 9.0), (60.0, 54.0), (600.0, 594.0)])
 def test_searching_ends_early_enough_for_the_reason_to_be_within_the_time_limit(limit, ends):
-    some = SimpleNamespace(started=100.0, task=SimpleNamespace(options=Options(time_limit_s=limit)))
-    assert Problem.deadline.fget(some) == 100.0 + ends
+    some = object.__new__(Problem)
+    some.started, some.task = 100.0, SimpleNamespace(options=Options(time_limit_s=limit))
+    assert some.deadline == 100.0 + ends
+    assert some.late == 100.0 + (ends + limit) / 2

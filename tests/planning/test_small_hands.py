@@ -88,7 +88,7 @@ def test_a_part_has_no_forces_where_there_is_no_time_for_them(monkeypatch):
     runs_out(monkeypatch, 4)
     with pytest.raises(NoPlanFound, match="motion") as e:
         api.solve(task("quartet", "pencil_r8", turn(720.0), modes=["0000", "1111"]))
-    monkeypatch.setattr(Problem, "limit", 0.0)
+    monkeypatch.setattr(Problem, "late", 0.0)
     part = api.unfinished(e.value)
     assert part.modes[-1] == "1111"
     assert all(c.f_W is None for x in part.parts for c in x.contacts.values())
