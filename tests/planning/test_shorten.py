@@ -124,7 +124,7 @@ def test_what_recurs_is_left_out_each_time(monkeypatch):
         hand="trio",
         object="pencil_r8",
         start="auto",
-        motion=[Step(grasp=Grasp()), Step(rotate=Rotate(axis=(0, 0, 1), frame="object", angle_deg=720.0))],
+        motion=[Step(grasp=Grasp()), Step(rotate=Rotate(axis=(0, 0, 1), frame="object", angle_deg=1440.0))],
         options=Options(hold="kinematic"),
     )
     found = []
