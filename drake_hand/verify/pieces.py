@@ -30,7 +30,7 @@ class Piece:
     ends_s: float
     """Likewise."""
     start: float
-    """How far the step is when it begins: deg of a rotation, mm of a translation ..."""
+    """How far the step is when it begins: deg of a rotation, with its sign, mm of a translation ..."""
     end: float
     """... and when it ends."""
     unit: str
@@ -64,7 +64,7 @@ def piece_lines(plan: Plan) -> list[str]:
             continue
         line = f"step {i + 1}, {step_words(step)}, {some[0].begins_s:.1f} to {some[-1].ends_s:.1f} s"
         if 1 < len(some) <= TOLD_ONE_BY_ONE:
-            ends = ", ".join(f"{x.end:.0f}" for x in some)
+            ends = ", ".join(str(round(x.end)) for x in some)
             line += f", in {len(some)} pieces: to {ends} {some[0].unit}"
         elif len(some) > 1:
             lengths = [abs(x.end - x.start) for x in some]
@@ -82,7 +82,7 @@ def piece_words(plan: Plan) -> list[tuple[float, str]]:
         own = [y for y in every if y.step == x.step]
         words = f"step {x.step + 1}, {step_words(plan.task.motion[x.step])}"
         if len(own) > 1:
-            words += f", piece {own.index(x) + 1} of {len(own)}: to {x.end:.0f} {x.unit}"
+            words += f", piece {own.index(x) + 1} of {len(own)}: to {round(x.end)} {x.unit}"
         told.append((x.ends_s, words))
     return told
 
@@ -104,7 +104,8 @@ def _done(span: StepSpan, motion: ObjectSamples) -> tuple[np.ndarray, str]:
     """(k,) how much of a step is done at samples of the object, and the unit."""
     angle = float(np.linalg.norm(span.turn))
     if angle > _LEAST_TURN_RAD:
-        w, dt = motion.w_WO @ (span.turn / angle), np.diff(motion.t)
+        about = span.turn / angle * (np.sign(span.step.rotate.angle_deg) if span.step.rotate else 1.0)
+        w, dt = motion.w_WO @ about, np.diff(motion.t)
         turned = np.append(0.0, np.cumsum((w[1:] + w[:-1]) / 2 * dt))
         return np.degrees(turned - turned[span.first]), "deg"
     way = span.goal[:3, 3] - span.X_from[:3, 3]

@@ -70,6 +70,7 @@ def test_a_piece_ends_where_its_step_does():
     [
         ([[(90, 0)]], "step 2, rotate 90 deg, 1.0 to 2.0 s"),
         ([[(100, 0)], [(260, 0)]], "step 2, rotate 360 deg, 1.0 to 4.0 s, in 2 pieces: to 100, 360 deg"),
+        ([[(-30, 0)], [(-60, 0)]], "step 2, rotate -90 deg, 1.0 to 4.0 s, in 2 pieces: to -30, -90 deg"),
         ([[(40, 0)]] * 9, "step 2, rotate 360 deg, 1.0 to 18.0 s, in 9 pieces of 40 deg"),
         ([[(20, 0)], *[[(40, 0)]] * 8], "step 2, rotate 340 deg, 1.0 to 18.0 s, in 9 pieces of 20 to 40 deg"),
     ],
