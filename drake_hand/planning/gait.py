@@ -80,10 +80,12 @@ def find(
     some = [x for x in sets if allowed(frozenset(x)) and all(allowed(frozenset(x) - {f}) for f in x)]
     counts = {-(-reach.path.ticks // stroke) - 1 for stroke in strokes if stroke <= reach.path.ticks}
     lesser: list[Gait] = []
-    for count, fingers in sorted(itertools.product(counts, some), key=lambda x: (x[0] * len(x[1]), x)):
+    for total, count, fingers in sorted((k * len(x), k, x) for k, x in itertools.product(counts, some)):
+        if total > regrasps:
+            break
         stroke = -(-reach.path.ticks // (count + 1))
         pools = [_sample([h for h in reach.spans(f, 0) if len(h.q) > stroke], rng) for f in fingers]
-        if count * len(fingers) > regrasps or not all(pools):
+        if not all(pools):
             continue
         for one in _Rating(reach, fingers, load, pools, stroke).best(rng, starts):
             if one.margin >= enough:
