@@ -10,12 +10,15 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.meeting import Meeting
+from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import still
 from drake_hand.planning.park import park
 from drake_hand.planning.problem import Problem
@@ -56,7 +59,22 @@ def from_start(
     search.begin(roots)
     staying = float(grasp.staying(moves, roots[:1])[0])
     promise = roots[0].score + grasp.LASTING_SCORE * staying
-    return Attempt(task=task, builder=builder, search=search, staying=staying, promise=promise)
+    meeting = Meeting(
+        forward=search,
+        grasps=partial(_where_it_ends, problem, named, sets),
+        waiting=None if wanted.kind == "power" else q,
+        fewest=len(named or ()),
+    )
+    return Attempt(task=task, builder=builder, search=search, staying=staying, promise=promise, meeting=meeting)
+
+
+def _where_it_ends(
+    problem: Problem, named: frozenset[int] | None, then: tuple[frozenset[int], ...], moves: Moves
+) -> list[Node]:
+    """Grasps of the object where the path ends at which a motion begins that is looked for backwards."""
+    X_WO = moves.path.X_WO[0]
+    q = park(problem.clearance, still(X_WO), range(len(problem.hand.fingers)))
+    return grasp.roots(moves, by_finger(problem.hand, q), every=bool(named), most=False, then=then)
 
 
 def closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:

@@ -16,6 +16,8 @@ from drake_hand.planning.knots import off_halfway
 COMMAND_LOSS_N = 0.07
 """Force that may be lost between knots, of contacts that bear more than 1 N times what they bear: a third of the
 certificate's tolerance."""
+_BEND_FACTOR = 2.0
+"""How many times as far as second differences tell splines are taken to bend between knots."""
 _LIGHT_PRESS_N = 0.02
 """A pad pressed less yields as if it were pressed so much."""
 
@@ -75,19 +77,26 @@ class PressedTips:
         return np.einsum("nki,nki->nk", f_W, -self.n_W)
 
 
-def within_limits(hand: Hand, q: np.ndarray, offset: np.ndarray, touching: np.ndarray) -> np.ndarray:
+def within_limits(
+    hand: Hand, starts: np.ndarray, q: np.ndarray, offset: np.ndarray, touching: np.ndarray
+) -> np.ndarray:
     """Offsets (n, nq) with which a free finger at a joint's limit sags onto it rather than being commanded beyond.
+
+    Joints bend between knots, where commands are not to go beyond either.
 
     Args:
         hand: with the limits.
+        starts: (legs + 1,) the knots that legs start at.
         q: (n, nq) of the path.
         offset: (n, nq) what is to be added to it.
         touching: (n, fingers) bool.
     """
+    bend = _BEND_FACTOR * np.abs(off_halfway(starts, q))
+    bend = np.maximum(np.vstack([bend, bend[-1:]]), np.vstack([bend[:1], bend]))
     out = offset.copy()
     for finger, on in zip(hand.fingers, touching.T, strict=True):
         for c in finger.columns:
-            command = q[:, c] + offset[:, c]
-            beyond = ~on & ((command < hand.q_lower[c]) | (command > hand.q_upper[c]))
-            out[beyond, c] = (np.clip(command, hand.q_lower[c], hand.q_upper[c]) - q[:, c])[beyond]
+            kept = np.clip(q[:, c] + offset[:, c], hand.q_lower[c] + bend[:, c], hand.q_upper[c] - bend[:, c])
+            beyond = ~on & (kept != q[:, c] + offset[:, c])
+            out[beyond, c] = (kept - q[:, c])[beyond]
     return out

@@ -160,7 +160,7 @@ def add_forces(
         if again is None:
             break
         problem = again
-    offset = within_limits(hand, q, offset + weight, touching)
+    offset = within_limits(hand, starts, q, offset + weight, touching)
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)

@@ -71,6 +71,8 @@ class Search:
     """Of the path: once a state has come back, the moves that led there are repeated."""
     able: Callable[[Node], bool] = lambda root: True
     """Whether the hand can get to a root; asked before what follows from it is expanded."""
+    slides: bool = True
+    """Whether fingers may slide."""
     progress: Callable[[Progress], None] = lambda p: None
     expansions: int = 0
     farthest: Node | None = None
@@ -202,6 +204,16 @@ class Search:
         left = itertools.chain.from_iterable(self._bins.values())
         self.farthest = max(left, key=lambda x: x.progress, default=self.farthest)
 
+    def best(self, count: int) -> list[Node]:
+        """So many of its states, the best of each part of the path first, then the second best."""
+        ranked = [sorted(states, key=self._rank, reverse=True) for states in self._bins.values()]
+        turns = itertools.chain.from_iterable(itertools.zip_longest(*ranked))
+        return list(itertools.islice((x for x in turns if x is not None), count))
+
+    def begins(self, root: Node) -> bool:
+        """Whether a motion can begin with a grasp: it holds, and the hand can get to it."""
+        return root.margins[-1] >= 0 and self._founded(root)
+
     @property
     def exhausted(self) -> bool:
         """Whether there is nothing left to expand."""
@@ -271,7 +283,7 @@ class Search:
                     continue
                 switched, found = switched + 1, draw_switches(self.moves, state, f)
             stays = state.touching[f] and state.room[f] < SHORT_ROOM_SHARE and not found
-            if stays and slid < FINGERS_SLID and self.period is None:
+            if stays and slid < FINGERS_SLID and self.slides:
                 slid, found = slid + 1, draw_slides(self.moves, state, f)
             out += found
         return out

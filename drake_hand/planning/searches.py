@@ -129,7 +129,7 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
         return None
     pausing = replace(path, pauses=tuple(range(0, path.ticks, period.ticks)))
     moves = replace(x.search.moves, path=pausing, rng=np.random.default_rng(x.task.options.seed))
-    search = Search(moves=moves, period=period, able=x.search.able, progress=problem.progress)
+    search = Search(moves=moves, period=period, slides=False, able=x.search.able, progress=problem.progress)
     search.begin([replace(y) for y in at_ease(moves, list(x.search.starts), x.search.able)])
     easiest = next(iter(search.starts))
     return Attempt(task=x.task, builder=x.builder, search=search, ease=ease(moves, easiest))
@@ -185,18 +185,18 @@ def _in_turn(
     """The motions that some searches find in turn, within a number of expansions if one is given."""
 
     def given_up() -> bool:
-        spent = most is not None and sum(x.search.expansions for x in attempts) >= most
+        spent = most is not None and sum(x.expansions for x in attempts) >= most
         return spent or time.monotonic() > problem.deadline
 
     rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline)
     while True:
-        before = sum(x.search.expansions for x in attempts)
+        before = sum(x.expansions for x in attempts)
         with problem.stage("search"):
             try:
                 done = next(rounds, None)
             except NoPlanFound as e:
                 raise _stopped(problem, attempts, e) from None
-        problem.expansions += sum(x.search.expansions for x in attempts) - before
+        problem.expansions += sum(x.expansions for x in attempts) - before
         if done is None:
             return
         for x, end in done:

@@ -46,6 +46,8 @@ _SPACING_M = 8e-3
 """Between points of the object's surface that are tried, m."""
 _JITTER_M = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
+_MET_AT = 4
+"""Places along its path, of which the object's middle is at one when it is near where fingertips meet."""
 BESIDE_M, BESIDE_RAD = 5.0e-3, np.radians(10.0)
 """How far a pose beside another is from it along each axis, and how much it is turned, standard deviations."""
 MOST_LEAN_RAD = np.radians(30.0)
@@ -122,6 +124,10 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         X[:3, :3] = aligned(axis, along) @ about.as_matrix()
         middle = middles[rng.integers(len(middles))] + _JITTER_M * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
+        if moving:
+            way = build(X, moving).X_WO
+            there = way[round((len(way) - 1) * (k // 2 % _MET_AT) / (_MET_AT - 1))]
+            X[:3, 3] += middle - (there[:3, :3] @ surface.centre + there[:3, 3])
         lies = laid(clearance, outward, X)
         if lies is None:
             continue

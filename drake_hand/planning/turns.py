@@ -11,6 +11,7 @@ from functools import partial
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.meeting import Meeting
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import Node
 from drake_hand.planning.world import at_once
@@ -38,11 +39,26 @@ class Attempt:
     """How promising it was before anything was expanded."""
     gait: Node | None = None
     """The end of a gait of equal strokes."""
+    meeting: Meeting | None = None
+    """Of the search with one from the end of its path."""
+
+    def run(self, budget: int, deadline: float) -> Node | None:
+        """Expands so many states, of both searches where there are two."""
+        return (self.meeting or self.search).run(budget, deadline)
+
+    @property
+    def expansions(self) -> int:
+        """States expanded so far."""
+        back = self.meeting.back if self.meeting else None
+        return self.search.expansions + (back.expansions if back else 0)
 
     @property
     def effort(self) -> float:
         """Its cost so far, relative to how far it got; zero while that is unknown."""
-        return self.search.expansions / (0.3 + self.search.goal_fraction) ** 3
+        far = self.search.goal_fraction
+        if self.meeting and self.meeting.back:
+            far = (far + self.meeting.back.fraction) / 2
+        return self.expansions / (0.3 + far) ** 3
 
 
 def in_turn(
@@ -70,7 +86,7 @@ def in_turn(
         if not live:
             break
         now = live[:SEARCHES_AT_ONCE]
-        ends = at_once([partial(x.search.run, SLICE_EXPANSIONS, deadline) for x in now])
+        ends = at_once([partial(x.run, SLICE_EXPANSIONS, deadline) for x in now])
         done = [(x, end) for x, end in zip(now, ends, strict=True) if end is not None]
         yield done
         found |= bool(done)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
-from drake_hand.planning.command_offsets import COMMAND_LOSS_N, PressedTips
+from drake_hand.planning.command_offsets import COMMAND_LOSS_N, PressedTips, within_limits
 
 PRESS_N = 1.5
 
@@ -46,3 +47,17 @@ def test_near_a_finger_stretched_out_offsets_need_more_knots():
 
 def test_what_is_lost_goes_with_the_square_of_how_far_knots_are_apart():
     assert lost((0.0, 0.4), 129) == pytest.approx(lost((0.0, 0.4), 65) / 4, rel=0.4)
+
+
+def test_a_free_finger_is_not_commanded_beyond_its_limit_where_its_way_bends_between_knots():
+    hand = Hand.load("kanguera")
+    c, n = hand.fingers[0].columns[1], 12
+    s = np.arange(n) / (n - 1)
+    q = np.zeros((n, hand.nq))
+    q[:, c] = hand.q_lower[c] + 1e-4 + 0.05 * (2 * s - 1) ** 2  # comes near its limit in the middle, between two knots
+    sag = np.full_like(q, -1e-3)
+    told = within_limits(hand, np.array([0, n - 1]), q, sag, np.zeros((n, len(hand.fingers)), dtype=bool))
+    between = np.linspace(0, 1, 1001)
+    command = make_interp_spline(s, q[:, c], k=3)(between) + np.interp(between, s, told[:, c])
+    assert command.min() >= hand.q_lower[c]
+    assert command.min() < hand.q_lower[c] + 1e-3, "it may come as near as that"

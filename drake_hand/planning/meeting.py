@@ -1,0 +1,146 @@
+"""Searches from both ends of a path that meet: what gets stuck from one end is often easily come by from the other.
+
+All moves can be made backwards: strokes roll back the way they came, and a finger lands where it lifted off. So a
+second search begins at grasps where the path ends. The two meet where a stroke takes the object from a pose that one
+has reached to one that the other has, and the fingers can go, one after the other, to where they are there. ::
+
+    start ──moves──▶ state ──Stroke──▶ ──Switch──▶ ... ──▶ state ──moves, made backwards──▶ goal
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drake_hand.errors import NoPlanFound
+from drake_hand.planning.moves import Moves, offset_ticks
+from drake_hand.planning.period import returned
+from drake_hand.planning.search import Search
+from drake_hand.planning.state import FingerSwitch, Node, Stroke
+from drake_hand.planning.strokes import carried_to
+from drake_hand.planning.switches import path_pieces
+
+REACHED_TICKS = 12.0
+"""States as near as this are brought together."""
+STATES_LOOKED_AT = 300
+"""Of each search, the most promising of all parts of the path."""
+STROKES_TRIED, ORDERS_TRIED = 48, 8
+"""After each round: strokes from a pose of one search to one of the other, and orders in which fingers may switch."""
+SPARED_COUNTED = 3
+"""Of the fingers that a state can spare; more do not make it easier to meet."""
+
+
+@dataclass(kw_only=True)
+class Meeting:
+    """A search from the start of a path, and one from its end that begins when the first has not got there at once."""
+
+    forward: Search
+    grasps: Callable[[Moves], list[Node]]
+    """Where the path that is given begins: the search backwards starts from them."""
+    waiting: np.ndarray | None = None
+    """(n, m) where fingers wait that the first grasp does without; None where contacts are given to begin with."""
+    fewest: int = 0
+    """Fingers that the first grasp needs, where the search backwards finds it."""
+    back: Search | None = None
+    _tried: dict[tuple[int, int], tuple[Node, Node]] = field(default_factory=dict)
+
+    def run(self, budget: int, deadline: float) -> Node | None:
+        """As the search from the start by itself; after its first turn, both."""
+        first = not self.forward.expansions
+        end = self.forward.run(budget, deadline)
+        if end is not None or first or self.forward.exhausted:
+            return end
+        if self.back is None:
+            self.back = self._begun()
+        arrived = self.back.run(budget, deadline)
+        end = None if arrived is None else self._arrived(arrived)
+        return self._met(self.back) if end is None else end
+
+    def _begun(self) -> Search:
+        moves = backwards(self.forward.moves)
+        search = Search(moves=moves, slides=False)
+        with suppress(NoPlanFound):  # the search from the start goes on alone, and says why it gets stuck
+            search.begin(self.grasps(moves))
+        return search
+
+    def _met(self, back: Search) -> Node | None:
+        """A state at the goal, by way of one of each search."""
+        moves, pairs = self.forward.moves, self._pairs(back)
+        there = [self._mirrored(y) for _, y in pairs]
+        here = carried_to(moves, [x for x, _ in pairs], there)
+        moves.evaluate([x for x in here if x is not None and not len(x.n_W)])
+        some = [(x, y, z) for x, y, (_, z) in zip(here, there, pairs, strict=True) if x is not None]
+        for x, y, z in sorted(some, key=lambda row: -row[0].spared)[:ORDERS_TRIED]:
+            if (end := returned(moves, x, y)) is not None:
+                return self._on(end, z)
+        return None
+
+    def _arrived(self, y: Node) -> Node | None:
+        """A state at the goal, by way of one at the start that the search backwards has got to."""
+        if self.waiting is None or y.touching.sum() < self.fewest:
+            return None
+        there, moves = self._mirrored(y), self.forward.moves
+        q = np.where(there.touching[:, None], there.q, self.waiting)
+        root = replace(there, q=q)
+        moves.evaluate([root])
+        if not self.forward.begins(root):
+            return None
+        end = returned(moves, root, there)
+        return None if end is None else self._on(end, y)
+
+    def _on(self, x: Node, y: Node) -> Node:
+        """The state at the goal that follows from one that is like one of the search backwards."""
+        for before, after in itertools.pairwise(y.chain[::-1]):
+            move = _undone(self.forward.moves, before, after)
+            again = isinstance(move, FingerSwitch) and before.touching[move.finger] and after.touching[move.finger]
+            x = replace(self._mirrored(after), move=move, parent=x, regrasps=x.regrasps + int(again))
+        return x
+
+    def _mirrored(self, y: Node) -> Node:
+        """A state of the search backwards as one of the other."""
+        return replace(y, s=self.forward.moves.path.ticks - y.s, parent=None, move=None, regrasps=0)
+
+    def _pairs(self, back: Search) -> list[tuple[Node, Node]]:
+        """States of either search that are near each other, those first that can spare fingers; no state twice."""
+        xs, ys = self.forward.best(STATES_LOOKED_AT), back.best(STATES_LOOKED_AT)
+        if not xs or not ys:
+            return []
+        s = self.forward.moves.path.ticks - np.array([y.s for y in ys]) - np.array([x.s for x in xs])[:, None]
+        off = np.stack([y.off for y in ys]) - np.stack([x.off for x in xs])[:, None]
+        apart = np.maximum(np.abs(s), offset_ticks(off))
+        spared = [np.array([min(x.spared, SPARED_COUNTED) for x in some]) for some in (xs, ys)]
+        value = spared[0][:, None] + spared[1] - apart / REACHED_TICKS
+        value[(apart > REACHED_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
+        out: list[tuple[Node, Node]] = []
+        for k in np.argsort(-value, axis=None, kind="stable"):
+            i, j = np.unravel_index(k, value.shape)
+            if not np.isfinite(value[i, j]) or len(out) == STROKES_TRIED:
+                break
+            x, y = xs[i], ys[j]
+            if (id(x), id(y)) not in self._tried:
+                value[i], value[:, j] = -np.inf, -np.inf
+                out.append((x, y))
+        self._tried.update({(id(x), id(y)): (x, y) for x, y in out})
+        return out
+
+
+def backwards(moves: Moves) -> Moves:
+    """Along the same path from its end to its start. Pads that twist push back the other way."""
+    path, load = moves.path, moves.load
+    stops = (*sorted(path.ticks - stop for stop in path.stops if stop != path.ticks), path.ticks)
+    there = replace(path, X_WO=np.ascontiguousarray(path.X_WO[::-1]), stops=stops, axis_W=None, point_W=None)
+    rng = np.random.default_rng(moves.rng.bit_generator.seed_seq)  # type: ignore[attr-defined]
+    return replace(moves, path=there, load=load._replace(spin_arm=-load.spin_arm), rng=rng)
+
+
+def _undone(moves: Moves, before: Node, after: Node) -> Stroke | FingerSwitch:
+    """The move from a state of a search backwards to the one that it came from."""
+    if isinstance(before.move, Stroke):
+        return Stroke(X=np.ascontiguousarray(before.move.X[::-1]), q=np.ascontiguousarray(before.move.q[::-1]))
+    assert isinstance(before.move, FingerSwitch), "searches backwards do not slide"
+    ways = tuple(way[::-1] for way in path_pieces(moves, after, before)[::-1])
+    return FingerSwitch(finger=before.move.finger, rise=-1, landing=-1, stop=-1, ways=ways)
