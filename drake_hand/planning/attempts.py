@@ -17,7 +17,7 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning import approach, gait, grasp, start, steps
 from drake_hand.planning.legs import LegBuilder
-from drake_hand.planning.meeting import Meeting
+from drake_hand.planning.meeting import Meeting, backwards
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import still
 from drake_hand.planning.park import park
@@ -61,6 +61,7 @@ def from_start(
     promise = roots[0].score + grasp.LASTING_SCORE * staying
     meeting = Meeting(
         forward=search,
+        moves=backwards(moves, task.options.seed),
         grasps=partial(_where_it_ends, problem, named, sets),
         waiting=None if wanted.kind == "power" else q,
         fewest=len(named or ()),
@@ -71,7 +72,7 @@ def from_start(
 def _where_it_ends(
     problem: Problem, named: frozenset[int] | None, then: tuple[frozenset[int], ...], moves: Moves
 ) -> list[Node]:
-    """Grasps of the object where the path ends at which a motion begins that is looked for backwards."""
+    """Grasps of the object where a path from the end begins, the fingers that do not touch where they would wait."""
     X_WO = moves.path.X_WO[0]
     q = park(problem.clearance, still(X_WO), range(len(problem.hand.fingers)))
     return grasp.roots(moves, by_finger(problem.hand, q), every=bool(named), most=False, then=then)

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.moves import Moves, offset_ticks
-from drake_hand.planning.period import returned
+from drake_hand.planning.orders import switched_to
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried_to
@@ -39,13 +38,17 @@ class Meeting:
     """A search from the start of a path, and one from its end that begins when the first has not got there at once."""
 
     forward: Search
+    moves: Moves
+    """Along the path from its end to its start."""
     grasps: Callable[[Moves], list[Node]]
-    """Where the path that is given begins: the search backwards starts from them."""
+    """That a search along given moves can start from."""
     waiting: np.ndarray | None = None
     """(n, m) where fingers wait that the first grasp does without; None where contacts are given to begin with."""
     fewest: int = 0
     """Fingers that the first grasp needs, where the search backwards finds it."""
     back: Search | None = None
+    no_grasp: str = ""
+    """Why there is no grasp where the path ends, if there is none."""
     _tried: dict[tuple[int, int], tuple[Node, Node]] = field(default_factory=dict)
 
     def run(self, budget: int, deadline: float) -> Node | None:
@@ -61,10 +64,11 @@ class Meeting:
         return self._met(self.back) if end is None else end
 
     def _begun(self) -> Search:
-        moves = backwards(self.forward.moves)
-        search = Search(moves=moves, slides=False)
-        with suppress(NoPlanFound):  # the search from the start goes on alone, and says why it gets stuck
-            search.begin(self.grasps(moves))
+        search = Search(moves=self.moves, slides=False)
+        try:
+            search.begin(self.grasps(self.moves))
+        except NoPlanFound as e:
+            self.no_grasp = e.reason
         return search
 
     def _met(self, back: Search) -> Node | None:
@@ -75,7 +79,7 @@ class Meeting:
         moves.evaluate([x for x in here if x is not None and not len(x.n_W)])
         some = [(x, y, z) for x, y, (_, z) in zip(here, there, pairs, strict=True) if x is not None]
         for x, y, z in sorted(some, key=lambda row: -row[0].spared)[:ORDERS_TRIED]:
-            if (end := returned(moves, x, y)) is not None:
+            if (end := switched_to(moves, x, y)) is not None and self.forward.can_begin(end):
                 return self._on(end, z)
         return None
 
@@ -87,9 +91,9 @@ class Meeting:
         q = np.where(there.touching[:, None], there.q, self.waiting)
         root = replace(there, q=q)
         moves.evaluate([root])
-        if not self.forward.begins(root):
+        if root.margins[-1] < 0 or not self.forward.can_begin(root):
             return None
-        end = returned(moves, root, there)
+        end = switched_to(moves, root, there)
         return None if end is None else self._on(end, y)
 
     def _on(self, x: Node, y: Node) -> Node:
@@ -128,13 +132,13 @@ class Meeting:
         return out
 
 
-def backwards(moves: Moves) -> Moves:
+def backwards(moves: Moves, seed: int) -> Moves:
     """Along the same path from its end to its start. Pads that twist push back the other way."""
     path, load = moves.path, moves.load
     stops = (*sorted(path.ticks - stop for stop in path.stops if stop != path.ticks), path.ticks)
     there = replace(path, X_WO=np.ascontiguousarray(path.X_WO[::-1]), stops=stops, axis_W=None, point_W=None)
-    rng = np.random.default_rng(moves.rng.bit_generator.seed_seq)  # type: ignore[attr-defined]
-    return replace(moves, path=there, load=load._replace(spin_arm=-load.spin_arm), rng=rng)
+    load = load._replace(spin_arm=-load.spin_arm)
+    return replace(moves, path=there, load=load, rng=np.random.default_rng(seed))
 
 
 def _undone(moves: Moves, before: Node, after: Node) -> Stroke | FingerSwitch:

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from drake_hand.contact.surface import SAME_M, Surface
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.object_path import ObjectPath
+from drake_hand.planning.orders import switched_to
 from drake_hand.planning.state import Node, Stroke
-from drake_hand.planning.switches import switch_between
 
 SHORTEST_PERIOD_RAD = np.radians(40.0)
 """Of periods: about as far as a finger carries an object before it has to step back."""
@@ -84,7 +84,7 @@ class Period:
                 earlier[int(y.s // self.ticks)] = y
         for j in sorted(set(earlier) - {k}, reverse=True):
             times, odd = divmod(self.count - k, k - j)
-            end = None if odd else returned(moves, x, earlier[j])
+            end = None if odd else switched_to(moves, x, earlier[j])
             if end is not None:
                 return self._repeated(earlier[j], end, int(times), int(k - j))
         return None
@@ -110,46 +110,3 @@ class Period:
                     move=move,
                 )
         return state
-
-
-def returned(moves: Moves, x: Node, target: Node) -> Node | None:
-    """The state in which all fingers are where they are in another one, one finger after the other brought there.
-
-    All sets of fingers that may have gone are rated at once; an order is looked for among those that hold.
-    """
-    astray = np.flatnonzero((x.q != target.q).any(axis=1) | (x.touching != target.touching)).tolist()
-    sets = 1 << len(astray)
-    q, touching = np.repeat(x.q[None], sets, axis=0), np.repeat(x.touching[None], sets, axis=0)
-    for bit, f in enumerate(astray):
-        gone = np.arange(sets) >> bit & 1 == 1
-        q[gone, f], touching[gone, f] = target.q[f], target.touching[f]
-    some = [Node(s=x.s, off=x.off, X=x.X, q=q[i], touching=touching[i]) for i in range(sets)]
-    moves.evaluate(some, np.ones(touching.shape))
-    able = moves.clear(x.X, q, touching) & np.array([y.margins[-1] >= 0 for y in some])
-    able &= [moves.allowed(frozenset(np.flatnonzero(y.touching).tolist())) for y in some]
-    if not able[-1]:
-        return None
-    some[0] = x
-    dead: set[int] = set()
-
-    def liftable(i: int, f: int) -> bool:
-        rest = frozenset(np.flatnonzero(some[i].touching).tolist()) - {f}
-        return bool(some[i].margins[f] >= 0) and moves.allowed(rest)
-
-    def onward(i: int) -> bool:
-        if i == sets - 1:
-            return True
-        for bit, f in enumerate(astray):
-            j = i | 1 << bit
-            if j == i or j in dead or not able[j] or (some[i].touching[f] and not liftable(i, f)):
-                continue
-            move = switch_between(moves, some[i], some[j], f)
-            if move is not None:
-                both = some[i].touching[f] and some[j].touching[f]
-                some[j].parent, some[j].move, some[j].regrasps = some[i], move, some[i].regrasps + bool(both)
-                if onward(j):
-                    return True
-        dead.add(i)
-        return False
-
-    return some[-1] if onward(0) else None

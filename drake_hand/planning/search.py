@@ -143,7 +143,7 @@ class Search:
             state = max(self._bins[bins[k]], key=self._rank)
             at_goal = state.progress >= goal - 1e-9
             # A root is asked when something has come of it: few of them lead on, and asking plans the hand's closing.
-            if (at_goal or state.parent is not None) and not self._founded(state):
+            if (at_goal or state.parent is not None) and not self.can_begin(state):
                 self._forget(state.chain[0])
                 continue
             if at_goal:
@@ -171,7 +171,7 @@ class Search:
         done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
         self.moves.evaluate([x for x in done if not len(x.n_W)])
         done.sort(key=lambda x: (x.regrasps, not self._firm(x), -self._margin(x)))
-        return next(filter(self._founded, done), None)
+        return next(filter(self.can_begin, done), None)
 
     def _firm(self, x: Node) -> bool:
         """Whether as many fingers touch as hold an object firmly, or as may touch."""
@@ -210,9 +210,12 @@ class Search:
         turns = itertools.chain.from_iterable(itertools.zip_longest(*ranked))
         return list(itertools.islice((x for x in turns if x is not None), count))
 
-    def begins(self, root: Node) -> bool:
-        """Whether a motion can begin with a grasp: it holds, and the hand can get to it."""
-        return root.margins[-1] >= 0 and self._founded(root)
+    def can_begin(self, x: Node) -> bool:
+        """Whether the hand can get to the root of a state; asked once for each."""
+        root = x.chain[0]
+        if id(root) not in self._able:
+            self._able[id(root)] = root, self.able(root)
+        return self._able[id(root)][1]
 
     @property
     def exhausted(self) -> bool:
@@ -248,7 +251,7 @@ class Search:
     @property
     def founded(self) -> bool:
         """Whether the hand can get to the root of the state that got farthest."""
-        return self.farthest is not None and self._founded(self.farthest)
+        return self.farthest is not None and self.can_begin(self.farthest)
 
     def _children(self, state: Node) -> list[Node]:
         rng = self.moves.rng
@@ -299,19 +302,12 @@ class Search:
         easier = [x for x in easier if x not in best]
         some = [x for x in ended if x not in strokes] + best + easier
         ends = [self.period.completed(self.moves, x) for x in some]
-        return easier, [x for x in ends if x is not None and self._founded(x)]
+        return easier, [x for x in ends if x is not None and self.can_begin(x)]
 
     @cached_property
     def _onward(self) -> list[Node]:
         """Where the starts get to along the nominal path, for as long as that is not yet an answer."""
         return onward(self.moves, list(self.starts))
-
-    def _founded(self, x: Node) -> bool:
-        """Whether the hand can get to the root of a state."""
-        root = x.chain[0]
-        if id(root) not in self._able:
-            self._able[id(root)] = root, self.able(root)
-        return self._able[id(root)][1]
 
     def _progress(self, x: Node) -> float:
         path = self.moves.path

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.legs import LegBuilder
@@ -51,6 +52,14 @@ class Attempt:
         """States expanded so far."""
         back = self.meeting.back if self.meeting else None
         return self.search.expansions + (back.expansions if back else 0)
+
+    def failure(self, status: Literal["infeasible", "timeout"]) -> NoPlanFound:
+        """Why there is none: what blocks the state that got farthest, and whether there is no grasp where it ends."""
+        why = self.search.failure(status)
+        if self.meeting is None or not self.meeting.no_grasp:
+            return why
+        reason = f"{why.reason}; and where the motion ends, {self.meeting.no_grasp}"
+        return NoPlanFound(reason, status=status, evidence=why.evidence)
 
     @property
     def effort(self) -> float:
@@ -96,5 +105,5 @@ def in_turn(
             attempts.append(another)
     late = out_of_time()
     if not found or late:
-        failures = failures + [x.search.failure("timeout" if late else "infeasible") for x in attempts]
+        failures = failures + [x.failure("timeout" if late else "infeasible") for x in attempts]
         raise max(failures, key=lambda e: e.progress)
