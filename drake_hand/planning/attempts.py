@@ -10,7 +10,6 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -59,23 +58,43 @@ def from_start(
     search.begin(roots)
     staying = float(grasp.staying(moves, roots[:1])[0])
     promise = roots[0].score + grasp.LASTING_SCORE * staying
-    meeting = Meeting(
-        forward=search,
-        moves=backwards(moves, task.options.seed),
-        grasps=partial(_where_it_ends, problem, named, sets),
-        waiting=None if wanted.kind == "power" else q,
-        fewest=len(named or ()),
-    )
+    meeting = meeting_of(problem, task, search, wanted, q, sets)
     return Attempt(task=task, builder=builder, search=search, staying=staying, promise=promise, meeting=meeting)
 
 
-def _where_it_ends(
-    problem: Problem, named: frozenset[int] | None, then: tuple[frozenset[int], ...], moves: Moves
-) -> list[Node]:
-    """Grasps of the object where a path from the end begins, the fingers that do not touch where they would wait."""
-    X_WO = moves.path.X_WO[0]
-    q = park(problem.clearance, still(X_WO), range(len(problem.hand.fingers)))
-    return grasp.roots(moves, by_finger(problem.hand, q), every=bool(named), most=False, then=then)
+def meeting_of(
+    problem: Problem,
+    task: Task,
+    search: Search,
+    wanted: Grasp | None = None,
+    waiting: np.ndarray | None = None,
+    then: tuple[frozenset[int], ...] = (),
+) -> Meeting:
+    """Of a search with one from the end of its path.
+
+    Args:
+        problem: with its models.
+        task: with its start and gravity.
+        search: from the start.
+        wanted: the grasp that it begins with; None where it begins with contacts that are given.
+        waiting: (n, m) where fingers wait that this grasp does without.
+        then: sets of fingers that the object is handed over to at the end.
+    """
+    named = named_fingers(problem, wanted) if wanted else None
+    begins = wanted is not None and wanted.kind != "power"  # which takes as many fingers as can press
+
+    def grasps(moves: Moves) -> list[Node]:
+        X_WO = moves.path.X_WO[0]
+        q = by_finger(problem.hand, park(problem.clearance, still(X_WO), range(len(problem.hand.fingers))))
+        return grasp.roots(moves, q, every=bool(named), most=False, then=then)
+
+    return Meeting(
+        forward=search,
+        moves=backwards(search.moves, task.options.seed),
+        grasps=grasps,
+        waiting=waiting if begins else None,
+        fewest=len(named or ()),
+    )
 
 
 def closed(problem: Problem, builder: LegBuilder, root: Node) -> bool:

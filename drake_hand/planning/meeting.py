@@ -17,18 +17,18 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.moves import Moves, offset_ticks
-from drake_hand.planning.orders import switched_to
+from drake_hand.planning.orders import orderly, switched_to
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried_to
 from drake_hand.planning.switches import path_pieces
 
-REACHED_TICKS = 12.0
+REACHED_TICKS = 20.0
 """States as near as this are brought together."""
 STATES_LOOKED_AT = 300
 """Of each search, the most promising of all parts of the path."""
-STROKES_TRIED, ORDERS_TRIED = 48, 8
-"""After each round: strokes from a pose of one search to one of the other, and orders in which fingers may switch."""
+STROKES_TRIED = 100
+"""From a pose of one search to one of the other, after each round."""
 SPARED_COUNTED = 3
 """Of the fingers that a state can spare; more do not make it easier to meet."""
 
@@ -76,9 +76,13 @@ class Meeting:
         moves, pairs = self.forward.moves, self._pairs(back)
         there = [self._mirrored(y) for _, y in pairs]
         here = carried_to(moves, [x for x, _ in pairs], there)
-        moves.evaluate([x for x in here if x is not None and not len(x.n_W)])
         some = [(x, y, z) for x, y, (_, z) in zip(here, there, pairs, strict=True) if x is not None]
-        for x, y, z in sorted(some, key=lambda row: -row[0].spared)[:ORDERS_TRIED]:
+        if not some:
+            return None
+        able = orderly(moves, [x for x, *_ in some], [y for _, y, _ in some])
+        for x, y, z in itertools.compress(some, able):
+            if not len(x.n_W):
+                moves.evaluate([x])
             if (end := switched_to(moves, x, y)) is not None and self.forward.can_begin(end):
                 return self._on(end, z)
         return None
@@ -120,13 +124,13 @@ class Meeting:
         value = spared[0][:, None] + spared[1] - apart / REACHED_TICKS
         value[(apart > REACHED_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
         out: list[tuple[Node, Node]] = []
-        for k in np.argsort(-value, axis=None, kind="stable"):
-            i, j = np.unravel_index(k, value.shape)
-            if not np.isfinite(value[i, j]) or len(out) == STROKES_TRIED:
+        taken = set[int]()
+        for k in np.argsort(-value, axis=None, kind="stable")[: int(np.isfinite(value).sum())]:
+            x, y = (some[i] for some, i in zip((xs, ys), np.unravel_index(k, value.shape), strict=True))
+            if len(out) == STROKES_TRIED:
                 break
-            x, y = xs[i], ys[j]
-            if (id(x), id(y)) not in self._tried:
-                value[i], value[:, j] = -np.inf, -np.inf
+            if (id(x), id(y)) not in self._tried and not {id(x), id(y)} & taken:
+                taken |= {id(x), id(y)}
                 out.append((x, y))
         self._tried.update({(id(x), id(y)): (x, y) for x, y in out})
         return out

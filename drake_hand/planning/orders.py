@@ -7,9 +7,26 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_hand.planning.kernels import orders
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.state import Node
 from drake_hand.planning.switches import switch_between
+from drake_hand.planning.world import split
+
+
+def orderly(moves: Moves, some: list[Node], targets: list[Node]) -> np.ndarray:
+    """(N,) whether there is an order in which fingers can go to where they are in other states, and all is held.
+
+    Whether they have ways there is not asked.
+    """
+    able = np.zeros(len(some), dtype=bool)
+    X = np.stack([x.X for x in some])
+    q, touching = (
+        np.stack([[getattr(x, k), getattr(y, k)] for x, y in zip(some, targets, strict=True)])
+        for k in ("q", "touching")
+    )
+    split(lambda r: orders.orderly(moves.world, moves.load, X[r], q[r], touching[r], able[r]), len(some))
+    return able
 
 
 def switched_to(moves: Moves, x: Node, target: Node) -> Node | None:

@@ -21,6 +21,7 @@ from drake_hand.planning.attempts import (
     further_starts,
     gait_of,
     may_touch,
+    meeting_of,
     named_fingers,
     starts_beside,
 )
@@ -163,7 +164,9 @@ def from_contacts(
     search = Search(moves=moves, wanted=named, progress=problem.progress)
     search.begin([root])
     patience = None if named is None else HAND_OVER_EXPANSIONS
-    for _, after in _in_turn(problem, [Attempt(task=task, builder=builder, search=search)], [], most=patience):
+    meeting = meeting_of(problem, task, search) if named is None else None
+    attempt = Attempt(task=task, builder=builder, search=search, meeting=meeting)
+    for _, after in _in_turn(problem, [attempt], [], most=patience):
         yield after
 
 
