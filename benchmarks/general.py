@@ -2,6 +2,7 @@
 
 python benchmarks/general.py                     every task once
 python benchmarks/general.py --only cube --seeds 5
+python benchmarks/general.py --file soup=TomatoSoupCan/model.urdf --only soup
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 def task(
     object_: str,
     *steps: Step,
+    hand: str = "kanguera",
     gravity: tuple[float, float, float] = UP,
     limit: float = 90.0,
     fingers: list[str] | None = None,
@@ -27,7 +29,7 @@ def task(
 ) -> Task:
     """A grasp, and what follows it."""
     return Task(
-        hand="kanguera",
+        hand=hand,
         object=object_,
         start="auto",
         motion=[Step(grasp=Grasp(fingers=fingers)), *steps],
@@ -60,15 +62,39 @@ TASKS = {
 }
 
 
+def of_files(files: dict[str, str]) -> dict[str, Task]:
+    """The tasks for which the file is given of an object, and of a hand where it is not the Kanguera."""
+    every = {
+        "six-sided pencil, 360 deg about its axis": ("hex", "kanguera", turn(Z, 360.0, "object"), 60.0),
+        "soup can, 360 deg about x": ("soup", "kanguera", turn(X, 360.0), 120.0),
+        "banana, 90 deg about x": ("banana", "kanguera", turn(X, 90.0), 120.0),
+        "hammer, 90 deg about x": ("hammer", "kanguera", turn(X, 90.0), 120.0),
+        "Allegro, cube 60 mm, 360 deg about x": ("cube_60", "allegro", turn(X, 360.0), 120.0),
+    }
+    hands = {"kanguera": "kanguera"} | files
+    return {
+        name: task(files[object_], step, hand=hands[hand], limit=limit)
+        for name, (object_, hand, step, limit) in every.items()
+        if object_ in files and hand in hands
+    }
+
+
 def main() -> None:
     """Plans and certifies each and prints a row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="tasks with this in their name")
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument(
+        "--file",
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="of objects hex (a six-sided pencil along z), soup, banana, hammer, cube_60, and hand allegro",
+    )
     args = parser.parse_args()
     print("| task | seed | plan time s | regrasps | duration s | modes visited | result |")
     print("|---|---|---|---|---|---|---|")
-    for name, asked in TASKS.items():
+    for name, asked in (TASKS | of_files(dict(x.split("=", 1) for x in args.file))).items():
         for seed in range(args.seeds) if args.only in name else ():
             try:
                 result = api.solve(asked, seed=seed)

@@ -17,7 +17,7 @@ import numpy as np
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.moves import Moves, offset_ticks
-from drake_hand.planning.orders import orderly, switched_to
+from drake_hand.planning.orders import have_order, switched_to
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried_to
@@ -79,7 +79,7 @@ class Meeting:
         some = [(x, y, z) for x, y, (_, z) in zip(here, there, pairs, strict=True) if x is not None]
         if not some:
             return None
-        able = orderly(moves, [x for x, *_ in some], [y for _, y, _ in some])
+        able = have_order(moves, [x for x, *_ in some], [y for _, y, _ in some])
         for x, y, z in itertools.compress(some, able):
             if not len(x.n_W):
                 moves.evaluate([x])

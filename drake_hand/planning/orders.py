@@ -14,7 +14,7 @@ from drake_hand.planning.switches import switch_between
 from drake_hand.planning.world import split
 
 
-def orderly(moves: Moves, some: list[Node], targets: list[Node]) -> np.ndarray:
+def have_order(moves: Moves, some: list[Node], targets: list[Node]) -> np.ndarray:
     """(N,) whether there is an order in which fingers can go to where they are in other states, and all is held.
 
     Whether they have ways there is not asked.

@@ -18,7 +18,7 @@ from drake_hand.planning.planner import find_paths
 from drake_hand.planning.start import POSES_OFFERED, close_by, palms, variants
 from drake_hand.planning.world import world
 from drake_hand.plans.plan import Plan
-from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task
+from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task, Translate
 from tests.verify.held import held_plan
 
 
@@ -77,6 +77,17 @@ def shifted(X_OG: np.ndarray) -> np.ndarray:
     X = X_OG.copy()
     X[2, 3] += 0.2
     return X
+
+
+def test_an_object_that_goes_far_starts_where_all_of_its_way_is_near_the_fingertips(clearance):
+    def middles(*steps: Step) -> np.ndarray:
+        asked = spin(start="auto", motion=[Step(grasp=Grasp()), *steps])
+        return np.array([x.start.xyz_mm for x in starts(asked, clearance)])
+
+    stays = middles(Step(translate=Translate(by_mm=(0.0, 0.0, 1.0))))
+    goes = middles(Step(translate=Translate(by_mm=(0.0, 0.0, 60.0))))
+    off = goes.mean(axis=0) + [0.0, 0.0, 30.0] - stays.mean(axis=0)
+    assert np.abs(off).max() < 8.0, "half of its way lies on either side of where it would stay"
 
 
 def test_starts_depend_on_the_seed_alone(clearance, auto):

@@ -1,4 +1,7 @@
-"""Whether fingers can go to where they are in another state, one after the other, so that the object is always held."""
+"""Whether fingers can go to where they are in another state, one after the other, so that the object is always held.
+
+All sets of fingers that may have gone are gone through depth first; what cannot be reached is not worked out.
+"""
 
 from __future__ import annotations
 
