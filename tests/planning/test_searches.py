@@ -4,6 +4,7 @@ import itertools
 from contextlib import nullcontext
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -12,10 +13,11 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning import attempts as attempts_
 from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
+from drake_hand.planning.planner import find_paths
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
-from drake_hand.plans.task import Grasp, Options
-from tests.planning.small import task, turn
+from drake_hand.plans.task import Grasp, Options, Step
+from tests.planning.small import move, task, turn
 
 ENDLESS = SimpleNamespace(deadline=np.inf)
 
@@ -314,6 +316,18 @@ def test_a_further_start_joins_after_each_round_that_found_nothing_and_has_its_t
         next(rounds)
     assert some[2:] == [late]
     assert late.search.expansions == SLICE_EXPANSIONS
+
+
+def test_what_follows_a_hand_over_is_looked_for_from_both_ends_too(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        searches, "meeting_of", lambda *args: asked.append(args[2].wanted) or attempts_.meeting_of(*args)
+    )
+    first, then = ["left_1", "left_2", "right_2"], ["left_1", "right_1", "right_2"]
+    steps = [Step(grasp=Grasp(fingers=first)), Step(grasp=Grasp(fingers=then)), move(0.0, 0.0, 3.0)]
+    found = next(find_paths(msgspec.structs.replace(task("quartet", "cylinder"), motion=steps)))
+    assert asked == [None], "of the motion, not of the hand-over"
+    assert set(found.legs[-1].p_OP) == set(then)
 
 
 @pytest.mark.parametrize(("limit", "ends"), [(10.0, 9.0), (60.0, 54.0), (600.0, 594.0)])

@@ -86,7 +86,7 @@ def test_an_object_that_goes_far_starts_where_all_of_its_way_is_near_the_fingert
 
     stays = middles(Step(translate=Translate(by_mm=(0.0, 0.0, 1.0))))
     goes = middles(Step(translate=Translate(by_mm=(0.0, 0.0, 60.0))))
-    off = goes.mean(axis=0) + [0.0, 0.0, 30.0] - stays.mean(axis=0)
+    off = goes.mean(axis=0) + np.array([0.0, 0.0, 30.0]) - stays.mean(axis=0)
     assert np.abs(off).max() < 8.0, "half of its way lies on either side of where it would stay"
 
 
