@@ -1,10 +1,10 @@
 """Searches from both ends of a path that meet: what gets stuck from one end is often easily come by from the other.
 
 All moves can be made backwards: strokes roll back the way they came, and a finger lands where it lifted off. So a
-second search begins at grasps where the path ends. The two meet where a stroke takes the object from a pose that one
-has reached to one that the other has, and the fingers can go, one after the other, to where they are there. ::
+second search begins at grasps where the path ends. The two meet halfway between a pose that one has reached and one
+that the other has, where the fingers can go, one by one, from where the one has them to where the other does. ::
 
-    start ──moves──▶ state ──Stroke──▶ ──Switch──▶ ... ──▶ state ──moves, made backwards──▶ goal
+    start ──moves──▶ state ──Stroke──▶ ──Switch──▶ ... ──Switch──▶ ◀──Stroke── state ◀──moves── goal
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from drake_hand.planning.state import FingerSwitch, Node, Stroke
 from drake_hand.planning.strokes import carried_to
 from drake_hand.planning.switches import path_pieces
 
-REACHED_TICKS = 20.0
-"""States as near as this are brought together."""
+APART_TICKS = 30.0
+"""States as near as this are brought together, each of them halfway."""
 STATES_LOOKED_AT = 300
 """Of each search, the most promising of all parts of the path."""
 STROKES_TRIED = 100
-"""From a pose of one search to one of the other, after each round."""
+"""Of states of either search towards each other, after each round."""
 SPARED_COUNTED = 3
 """Of the fingers that a state can spare; more do not make it easier to meet."""
 
@@ -74,17 +74,19 @@ class Meeting:
     def _met(self, back: Search) -> Node | None:
         """A state at the goal, by way of one of each search."""
         moves, pairs = self.forward.moves, self._pairs(back)
-        there = [self._mirrored(y) for _, y in pairs]
-        here = carried_to(moves, [x for x, _ in pairs], there)
-        some = [(x, y, z) for x, y, (_, z) in zip(here, there, pairs, strict=True) if x is not None]
-        if not some:
+        if not pairs:
             return None
-        able = have_order(moves, [x for x, *_ in some], [y for _, y, _ in some])
+        s = np.array([(x.s + moves.path.ticks - y.s) / 2 for x, y in pairs])
+        off = np.stack([(x.off + y.off) / 2 for x, y in pairs])
+        here = carried_to(moves, [x for x, _ in pairs], s, off)
+        there = carried_to(back.moves, [y for _, y in pairs], moves.path.ticks - s, off)
+        some = [(x, y, self._mirrored(y)) for x, y in zip(here, there, strict=True) if x and y]
+        able = have_order(moves, [x for x, *_ in some], [z for *_, z in some])
         for x, y, z in itertools.compress(some, able):
             if not len(x.n_W):
                 moves.evaluate([x])
-            if (end := switched_to(moves, x, y)) is not None and self.forward.can_begin(end):
-                return self._on(end, z)
+            if (end := switched_to(moves, x, z)) is not None and self.forward.can_begin(end):
+                return self._on(end, y)
         return None
 
     def _arrived(self, y: Node) -> Node | None:
@@ -121,8 +123,8 @@ class Meeting:
         off = np.stack([y.off for y in ys]) - np.stack([x.off for x in xs])[:, None]
         apart = np.maximum(np.abs(s), offset_ticks(off))
         spared = [np.array([min(x.spared, SPARED_COUNTED) for x in some]) for some in (xs, ys)]
-        value = spared[0][:, None] + spared[1] - apart / REACHED_TICKS
-        value[(apart > REACHED_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
+        value = spared[0][:, None] + spared[1] - apart / APART_TICKS
+        value[(apart > APART_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
         out: list[tuple[Node, Node]] = []
         taken = set[int]()
         for k in np.argsort(-value, axis=None, kind="stable")[: int(np.isfinite(value).sum())]:

@@ -20,6 +20,8 @@ def have_order(moves: Moves, some: list[Node], targets: list[Node]) -> np.ndarra
     Whether they have ways there is not asked.
     """
     able = np.zeros(len(some), dtype=bool)
+    if not some:
+        return able
     X = np.stack([x.X for x in some])
     q, touching = (
         np.stack([[getattr(x, k), getattr(y, k)] for x, y in zip(some, targets, strict=True)])

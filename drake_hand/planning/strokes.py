@@ -45,22 +45,19 @@ def carried(moves: Moves, state: Node, s: float, off: np.ndarray) -> Node | None
     return found[0] if found and found[0].s == s and np.array_equal(found[0].off, off) else None
 
 
-def carried_to(moves: Moves, states: list[Node], there: list[Node]) -> list[Node | None]:
-    """Each state with the object where it is in another one, if one stroke gets there."""
-    if not states:
-        return []
-    s, off = (np.array([getattr(x, k) for x in states]) for k in ("s", "off"))
-    ds, doff = np.array([y.s for y in there]) - s, np.stack([y.off for y in there]) - off
-    K = np.ceil(np.maximum(np.abs(ds), offset_ticks(doff)) - 1e-9).astype(np.int64)
+def carried_to(moves: Moves, states: list[Node], s: np.ndarray, off: np.ndarray) -> list[Node | None]:
+    """Each state with the object at progress s (N,) and an offset (N, 6) of its own, if one stroke gets there."""
+    s0, off0 = (np.array([getattr(x, k) for x in states]) for k in ("s", "off"))
+    K = np.ceil(np.maximum(np.abs(s - s0), offset_ticks(off - off0)) - 1e-9).astype(np.int64)
     share = np.minimum(np.arange(K.max() + 1) / np.maximum(K, 1)[:, None], 1.0)
-    X = moves.path.beside(s[:, None] + share * ds[:, None], off[:, None] + share[..., None] * doff[:, None])
+    X = moves.path.beside(
+        s0[:, None] + share * (s - s0)[:, None], off0[:, None] + share[..., None] * (off - off0)[:, None]
+    )
     q, length = rolled(moves, X, K, states)
     out: list[Node | None] = []
-    for i, (x, y) in enumerate(zip(states, there, strict=True)):
-        k = int(K[i])
-        X[i, k] = y.X
+    for i, (x, k) in enumerate(zip(states, K.tolist(), strict=True)):
         stroke = Stroke(X=X[i, : k + 1], q=q[i, : k + 1])
-        out.append(None if length[i] < k else _after(x, s=y.s, off=y.off, move=stroke) if k else x)
+        out.append(None if length[i] < k else _after(x, s=float(s[i]), off=off[i], move=stroke) if k else x)
     return out
 
 

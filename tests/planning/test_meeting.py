@@ -126,7 +126,7 @@ def test_pairs_are_near_each_other_can_spare_fingers_and_are_tried_once():
     first, second = both._pairs(back), both._pairs(back)
     assert first
     for x, y in first:
-        assert abs(m.path.ticks - y.s - x.s) <= meeting_module.REACHED_TICKS
+        assert abs(m.path.ticks - y.s - x.s) <= meeting_module.APART_TICKS
         assert x.spared
         assert y.spared
     names = [[(id(x), id(y)) for x, y in pairs] for pairs in (first, second)]
