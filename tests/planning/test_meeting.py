@@ -8,12 +8,13 @@ import pytest
 
 from drake_hand.planning import meeting as meeting_module
 from drake_hand.planning.meeting import Meeting, backwards
+from drake_hand.planning.object_path import pose, still
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import FingerSwitch, Stroke
 from drake_hand.planning.strokes import rolled
-from drake_hand.planning.switches import path_pieces
+from drake_hand.planning.switches import draw_switches, path_pieces
 from drake_hand.planning.turns import Attempt
-from tests.planning.small import move, moves, path, roots, turn, waiting
+from tests.planning.small import START, move, moves, path, roots, turn, waiting
 
 ROUND = 10
 
@@ -110,11 +111,44 @@ def test_a_start_that_the_hand_cannot_get_to_is_none(monkeypatch):
     assert both.back.fraction == 1.0
 
 
-def test_easy_motions_are_found_without_a_search_from_their_end():
+def test_the_first_turn_is_that_of_the_search_from_the_start(monkeypatch):
     m = moves("quartet", "cylinder", path("quartet", turn(5.0)))
     both = meeting(m, expanded=False)
-    assert both.run(ROUND, np.inf) is not None
+
+    def tires(budget, deadline):
+        both.forward.expansions += budget
+
+    monkeypatch.setattr(both.forward, "run", tires)
+    assert both.run(ROUND, np.inf) is None
     assert both.back is None
+    both.run(ROUND, np.inf)
+    assert both.back is not None
+
+
+def test_a_switch_is_undone_by_the_way_it_was_made():
+    m = moves("quartet", "cylinder", path("quartet", turn(5.0)))
+    x = next(x for x in roots(m) if x.liftable.any())
+    f = int(np.flatnonzero(x.liftable)[0])
+    for y in draw_switches(m, x, f):
+        made = path_pieces(m, x, y)
+        undone = path_pieces(m, y, replace(x, move=meeting_module._undone(m, y, x)))
+        np.testing.assert_array_equal(np.concatenate(undone), np.concatenate(made)[::-1])
+        assert [len(way) for way in undone] == [len(way) for way in made][::-1]
+
+
+def test_a_finger_without_contact_begins_where_it_waits():
+    m = moves("quartet", "cylinder", still(pose(START["quartet"])), fingers=frozenset({0, 1, 3}))
+    both = meeting(m)
+    back = both._begun()
+    x = next(x for x in back.starts if not x.touching.all())
+    f = int(np.flatnonzero(~x.touching)[0])
+    for elsewhere in m.grid.stops[f]:
+        move = FingerSwitch(finger=f, rise=-1, landing=-1, stop=-1, ways=(np.linspace(x.q[f], elsewhere, 5),))
+        end = both._arrived(x.moved(f, elsewhere, move, touching=False))
+        if end is not None and not np.array_equal(elsewhere, x.q[f]):
+            break
+    np.testing.assert_array_equal(end.chain[0].q[f], waiting("quartet")[f])
+    assert any(np.array_equal(y.q[f], elsewhere) for y in end.chain)
 
 
 def test_pairs_are_near_each_other_can_spare_fingers_and_are_tried_once():
