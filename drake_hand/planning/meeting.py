@@ -29,6 +29,9 @@ STATES_LOOKED_AT = 300
 """Of each search, the most promising of all parts of the path."""
 STROKES_TRIED = 100
 """Of states of either search towards each other, after each round."""
+PATIENCE, MOST_RESTED = 4, 7
+"""Rounds without an order in which fingers could switch; after that, for each of them, the search from the start has a
+turn more to itself, up to so many. Where a finger can never be lifted there will be none."""
 SPARED_COUNTED = 3
 """Of the fingers that a state can spare; more do not make it easier to meet."""
 
@@ -49,6 +52,9 @@ class Meeting:
     back: Search | None = None
     no_grasp: str = ""
     """Why there is no grasp where the path ends, if there is none."""
+    _fruitless: int = 0
+    """Rounds since there was such an order."""
+    _resting: int = 0
     _tried: dict[tuple[int, int], tuple[Node, Node]] = field(default_factory=dict)
 
     def run(self, budget: int, deadline: float) -> Node | None:
@@ -57,6 +63,9 @@ class Meeting:
         end = self.forward.run(budget, deadline)
         if end is not None or first or self.forward.exhausted:
             return end
+        if self._resting:
+            self._resting -= 1
+            return None
         if self.back is None:
             self.back = self._begun()
         arrived = self.back.run(budget, deadline)
@@ -82,6 +91,8 @@ class Meeting:
         there = carried_to(back.moves, [y for _, y in pairs], moves.path.ticks - s, off)
         some = [(x, y, self._mirrored(y)) for x, y in zip(here, there, strict=True) if x and y]
         able = have_order(moves, [x for x, *_ in some], [z for *_, z in some])
+        self._fruitless = 0 if able.any() else self._fruitless + 1
+        self._resting = int(np.clip(self._fruitless - PATIENCE, 0, MOST_RESTED))
         for x, y, z in itertools.compress(some, able):
             if not len(x.n_W):
                 moves.evaluate([x])

@@ -125,6 +125,23 @@ def test_the_first_turn_is_that_of_the_search_from_the_start(monkeypatch):
     assert both.back is not None
 
 
+def test_the_search_from_the_start_has_more_turns_the_longer_no_order_was_found(monkeypatch):
+    m = moves("quartet", "cylinder", path("quartet", turn(40.0)))
+    both, turns = meeting(m), list[bool]()
+    both.back = both._begun()
+    monkeypatch.setattr(meeting_module, "have_order", lambda moves, some, targets: np.zeros(len(some), dtype=bool))
+    monkeypatch.setattr(meeting_module.Meeting, "_pairs", lambda self, back: [ends])
+    ends = tuple(next(iter(x.starts)) for x in (both.forward, both.back))
+    monkeypatch.setattr(both.forward, "run", lambda budget, deadline: turns.append(False))
+    monkeypatch.setattr(both.back, "run", lambda budget, deadline: turns.append(turns.pop() or True) and None)
+    for _ in range(60):
+        both.run(1, np.inf)
+    first = turns[: meeting_module.PATIENCE]
+    last = turns[-2 * (meeting_module.MOST_RESTED + 1) :]
+    assert all(first)
+    assert sum(last) == 2
+
+
 def test_a_switch_is_undone_by_the_way_it_was_made():
     m = moves("quartet", "cylinder", path("quartet", turn(5.0)))
     x = next(x for x in roots(m) if x.liftable.any())
