@@ -126,16 +126,22 @@ class Meeting:
         return replace(y, s=self.forward.moves.path.ticks - y.s, parent=None, move=None, regrasps=0)
 
     def _pairs(self, back: Search) -> list[tuple[Node, Node]]:
-        """States of either search that are near each other, those first that can spare fingers; no state twice."""
+        """States of either search that are near each other, those first that can spare fingers; no state twice.
+
+        Between them is no end of a step, where the object has to be on its nominal path.
+        """
         xs, ys = self.forward.best(STATES_LOOKED_AT), back.best(STATES_LOOKED_AT)
         if not xs or not ys:
             return []
-        s = self.forward.moves.path.ticks - np.array([y.s for y in ys]) - np.array([x.s for x in xs])[:, None]
+        path = self.forward.moves.path
+        s_x, s_y = np.array([x.s for x in xs])[:, None], path.ticks - np.array([y.s for y in ys])
+        first, last = np.minimum(s_x, s_y), np.maximum(s_x, s_y)
+        passes = np.searchsorted(path.stops, first, side="right") < np.searchsorted(path.stops, last, side="left")
         off = np.stack([y.off for y in ys]) - np.stack([x.off for x in xs])[:, None]
-        apart = np.maximum(np.abs(s), offset_ticks(off))
+        apart = np.maximum(last - first, offset_ticks(off))
         spared = [np.array([min(x.spared, SPARED_COUNTED) for x in some]) for some in (xs, ys)]
         value = spared[0][:, None] + spared[1] - apart / APART_TICKS
-        value[(apart > APART_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
+        value[passes | (apart > APART_TICKS) | (spared[0][:, None] == 0) | (spared[1] == 0)] = -np.inf
         out: list[tuple[Node, Node]] = []
         taken = set[int]()
         for k in np.argsort(-value, axis=None, kind="stable")[: int(np.isfinite(value).sum())]:

@@ -76,10 +76,11 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
 def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
     """Poses X_WO (4, 4), the most promising first: most fingers reach several sides of it, also along its path.
 
-    Its middle is near where fingertips meet, clear of the palm; where there is a table, it lies on it. Its long axis is
-    along the line of the finger bases, as a pencil lies across the fingers, give or take 30 deg; it is drawn at random
-    about itself. Where a step turns the object about an axis of W through its own origin, half of the poses align that
-    axis with one about which the object looks the same after a part of the turn, the smallest there is.
+    Its middle is near where fingertips meet, at the start or farther along its path, clear of the palm; where there is
+    a table, it lies on it. Its long axis is along the line of the finger bases, as a pencil lies across the fingers,
+    give or take 30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through
+    its own origin, half of the poses align that axis with one about which the object looks the same after a part of
+    the turn, the smallest there is.
 
     Args:
         task: what is asked.

@@ -185,6 +185,24 @@ def test_pairs_are_near_each_other_can_spare_fingers_and_are_tried_once():
     assert len({x for x, _ in names[0]}) == len({y for _, y in names[0]}) == len(first)
 
 
+def test_states_do_not_meet_across_the_end_of_a_step():
+    m = moves("quartet", "cylinder", path("quartet", turn(20.0), turn(20.0)))
+    both = meeting(m)
+    back, (stop, _) = both._begun(), m.path.stops
+    for search in (both.forward, back):
+        search.run(2 * ROUND, np.inf)
+
+    def across() -> list[bool]:
+        ends = [sorted((x.s, m.path.ticks - y.s)) for x, y in both._pairs(back)]
+        return [a < stop < b for a, b in ends]
+
+    some = across()
+    assert some
+    assert not any(some)
+    both.forward.moves = replace(m, path=replace(m.path, stops=(m.path.ticks,)))
+    assert any(across()), "there are such pairs, were it one step"
+
+
 def test_why_nothing_was_found_says_that_there_is_no_grasp_where_it_ends():
     m = moves("quartet", "cylinder", path("quartet", move(0.0, 0.0, 150.0)))
     both = meeting(m)
