@@ -48,11 +48,8 @@ def carried(moves: Moves, state: Node, s: float, off: np.ndarray) -> Node | None
 def carried_to(moves: Moves, states: list[Node], s: np.ndarray, off: np.ndarray) -> list[Node | None]:
     """Each state with the object at progress s (N,) and an offset (N, 6) of its own, if one stroke gets there."""
     s0, off0 = (np.array([getattr(x, k) for x in states]) for k in ("s", "off"))
-    K = np.ceil(np.maximum(np.abs(s - s0), offset_ticks(off - off0)) - 1e-9).astype(np.int64)
-    share = np.minimum(np.arange(K.max() + 1) / np.maximum(K, 1)[:, None], 1.0)
-    X = moves.path.beside(
-        s0[:, None] + share * (s - s0)[:, None], off0[:, None] + share[..., None] * (off - off0)[:, None]
-    )
+    K = _steps(s - s0, off - off0)
+    X = _straight(moves, K, s0, off0, s, off)
     q, length = rolled(moves, X, K, states)
     out: list[Node | None] = []
     for i, (x, k) in enumerate(zip(states, K.tolist(), strict=True)):
@@ -61,17 +58,29 @@ def carried_to(moves: Moves, states: list[Node], s: np.ndarray, off: np.ndarray)
     return out
 
 
+def _steps(ds: np.ndarray, doff: np.ndarray) -> np.ndarray:
+    """(N,) how many steps it takes to progress by ds (N,) and change the offset by doff (N, 6)."""
+    return np.ceil(np.maximum(np.abs(ds), offset_ticks(doff)) - 1e-9).astype(np.int64)
+
+
+def _straight(
+    moves: Moves, K: np.ndarray, s0: np.ndarray, off0: np.ndarray, s: np.ndarray, off: np.ndarray
+) -> np.ndarray:
+    """Poses (N, most + 1, 3, 4) in K (N,) even steps of progress, s0 to s (N,), and offset, off0 to off (N, 6)."""
+    share = np.minimum(np.arange(K.max() + 1) / np.maximum(K, 1)[:, None], 1.0)
+    return moves.path.beside(
+        s0[:, None] + share * (s - s0)[:, None], off0[:, None] + share[..., None] * (off - off0)[:, None]
+    )
+
+
 def _towards(moves: Moves, state: Node, s: np.ndarray, off: np.ndarray) -> list[Node]:
     """How far strokes to progress s (N,) and offsets (N, 6) get."""
-    K = np.ceil(np.maximum(s - state.s, offset_ticks(off - state.off)) - 1e-9).astype(np.int64)
+    K = _steps(s - state.s, off - state.off)
     some = (K > 0) & (K <= MOST_POSES)
     s, off, K = s[some], off[some], K[some]
     if not len(K):
         return []
-    share = np.minimum(np.arange(K.max() + 1) / K[:, None], 1.0)
-    X = moves.path.beside(
-        state.s + share * (s - state.s)[:, None], state.off + share[..., None] * (off - state.off)[:, None]
-    )
+    X = _straight(moves, K, np.full(len(K), state.s), np.tile(state.off, (len(K), 1)), s, off)
     q, length = rolled(moves, X, K, [state] * len(K))
     out = []
     for i, done in enumerate(length):
