@@ -92,6 +92,18 @@ class ObjectPath:
         poses_beside(X, turn, shift, s.reshape(-1), np.ascontiguousarray(off.reshape(-1, 6)), out.reshape(-1, 3, 4))
         return out
 
+    def sideways(self, s: np.ndarray, off: np.ndarray) -> np.ndarray:
+        """(N, 6) what of offsets (N, 6) at progress s (N,) is beside the path, not ahead of it or behind.
+
+        An object that lags behind seems to have got farther than it has, and uses up the corridor's freedom to tilt.
+        """
+        turn, shift = self._between
+        i = np.clip(np.floor(s).astype(int), 0, len(turn) - 1)
+        unit = np.repeat([np.radians(TICK_DEG), TICK_M], 3)
+        along = np.concatenate([turn[i], shift[i]], axis=1) / unit
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        return off - (off / unit * along).sum(axis=1, keepdims=True) * along * unit
+
     @cached_property
     def _between(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotation vectors and translations (K, 3) from each tick to the next; zero for a path that goes nowhere."""
