@@ -36,7 +36,7 @@ class FingerSwitch:
     rise: int
     """Index of the way off its contact that it begins with; of no meaning where the finger does not touch before."""
     landing: int
-    """Index of the height it lands from; -1 where it does not land."""
+    """Index of the way off its new contact, by which it lands; -1 where it does not land."""
     stop: int
     """Index of the stop-over on its path, or of where it waits; -1 for none."""
     ways: tuple[np.ndarray, ...] | None = None

@@ -22,8 +22,6 @@ CONTACTS_TRIED, CONTACTS_KEPT = 14, 4
 """Of those, contacts tried and kept."""
 LEAST_ROOM_SHARE = 0.12
 """A new contact has to roll on at least so far, of 1."""
-_HEIGHTS_M = np.array(LIFTS_M)
-"""Of lifts and landings, m."""
 
 
 def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
@@ -115,7 +113,8 @@ def _transits(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.nda
     """(N, 3) as `transit.transits` finds them."""
     found = np.zeros((len(q), 3), dtype=np.int64)
     stops = moves.grid.stops[finger]
-    transit.transits(*_departure(moves, state, finger), q, n_W, _HEIGHTS_M, stops, TRAVEL_STEP_RAD, found)
+    landings = np.stack([_rises(n) for n in n_W])
+    transit.transits(*_departure(moves, state, finger), q, landings, stops, TRAVEL_STEP_RAD, found)
     return found
 
 
@@ -123,12 +122,12 @@ def _departure(moves: Moves, state: Node, finger: int) -> tuple[Any, ...]:
     """What the kernels ask about a finger that goes away: where it is, what is around it, and how it may lift off."""
     touches = bool(state.touching[finger])
     rises = _rises(state.n_W[finger]) if touches else np.zeros((1, 3))
-    return moves.world, finger, state.X, state.q, state.q[finger], touches, rises, len(_HEIGHTS_M)
+    return moves.world, finger, state.X, state.q, state.q[finger], touches, rises, len(LIFTS_M)
 
 
 def _rises(n_W: np.ndarray) -> np.ndarray:
     """(D, 3) ways off a contact of outward normal (3,), m: along it, then leaning aside by the least height."""
-    return np.vstack([_HEIGHTS_M[:, None] * n_W, LIFTS_M[0] * leaning(n_W)[1:]])
+    return np.vstack([np.outer(LIFTS_M, n_W), LIFTS_M[0] * leaning(n_W)[1:]])
 
 
 def direct_switch(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:
@@ -175,7 +174,7 @@ def path_pieces(moves: Moves, before: Node, after: Node) -> tuple[np.ndarray, ..
         points.append(moves.grid.stops[f][move.stop])
     down = None
     if move.landing >= 0:
-        down = _lift(moves, before, f, after.q[f], LIFTS_M[move.landing] * after.n_W[f])[::-1]
+        down = _lift(moves, before, f, after.q[f], _rises(after.n_W[f])[move.landing])[::-1]
         points.append(down[0])
     pieces += [_straight(a, b) for a, b in itertools.pairwise(points)]
     pieces += [down] if down is not None else []

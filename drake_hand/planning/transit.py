@@ -1,8 +1,8 @@
 """Free-finger transit: lift along the normal, travel, land along the normal, clear of everything.
 
-Lifting and landing along the normal neither drags the object nor grazes it. A finger that cannot lift off like that
-leans aside: by then it does not press any more. In between, a straight line in joint space mostly suffices; otherwise
-the finger stops over at one of the free postures it could also wait in.
+Lifting and landing along the normal neither drags the object nor grazes it. A finger that cannot lift off or land like
+that leans aside: it does not press any more by then, or not yet. In between, a straight line in joint space mostly
+suffices; otherwise the finger stops over at one of the free postures it could also wait in.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOVING_CLEARANCE_M = CLEARANCE_M / 2
 LIFTS_M = (3.0e-3, 8.0e-3, 15.0e-3)
 """Heights over the surface that are tried, m."""
 LEAN_RAD = np.pi / 4
-"""How far a finger that lifts off may lean from its normal ..."""
+"""How far a finger that lifts off or lands may lean from its normal ..."""
 LEANS = 8
 """... and to how many sides this is tried."""
 TRAVEL_STEP_RAD = np.radians(3.0)

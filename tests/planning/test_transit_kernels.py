@@ -57,8 +57,9 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
         others = waiting("quartet")
         others[0], others[1] = mine.q[0], contact(reach, 1, (0.0, 8e-3, z)).q[0]
         found = np.zeros((1, 3), dtype=np.int64)
-        args = m.world, 0, X, others, mine.q[0], True, 15e-3 * mine.n_W[:1], 1, mine.q[:1].copy(), mine.n_W[:1].copy()
-        transit.transits(*args, np.array([15e-3]), np.zeros((0, 3)), TRAVEL_STEP_RAD, found)
+        rise = 15e-3 * mine.n_W[:1]
+        args = m.world, 0, X, others, mine.q[0], True, rise, 1, mine.q[:1].copy(), rise[None]
+        transit.transits(*args, np.zeros((0, 3)), TRAVEL_STEP_RAD, found)
         assert (found[0, 0] >= 0) == fine
 
 
@@ -76,6 +77,13 @@ def test_a_finger_at_its_limits_leans_aside_to_get_away():
         transit.retreats(*args, stops, TRAVEL_STEP_RAD, found)
         assert (found >= 0).any() == (len(some) > len(LIFTS_M))
     assert set(found[found >= 0]) <= set(range(len(LIFTS_M), len(rises)))
+    # and by the same way it lands there
+    stop, landed = stops[found >= 0][0], np.zeros((1, 3), dtype=np.int64)
+    for some in (rises[: len(LIFTS_M)], rises):
+        args = m.world, 0, np.ascontiguousarray(X[:3]), others, stop, False, np.zeros((1, 3)), len(LIFTS_M)
+        transit.transits(*args, q[:1].copy(), some[None].copy(), stops, TRAVEL_STEP_RAD, landed)
+        assert (landed[0, 0] >= 0) == (len(some) > len(LIFTS_M))
+    assert len(LIFTS_M) <= landed[0, 1] < len(rises)
 
 
 def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():

@@ -212,14 +212,13 @@ def _to_stops(w, f, X, up, able, stops, step, reached, q, s):
         float64[:, ::1],
         int64,
         float64[:, ::1],
-        float64[:, ::1],
-        float64[::1],
+        float64[:, :, ::1],
         float64[:, ::1],
         float64,
         int64[:, ::1],
     )
 )
-def transits(w, f, X, others, old, touches, rises, upright, new, n_new, heights, stops, step, found):
+def transits(w, f, X, others, old, touches, rises, upright, new, landings, stops, step, found):
     """Looks for paths of finger f from where it is to contacts, all else at rest.
 
     Args:
@@ -230,13 +229,12 @@ def transits(w, f, X, others, old, touches, rises, upright, new, n_new, heights,
         old: (m,) where the finger is ...
         touches: ... in contact, so that it lifts first, or not.
         rises: (D, 3) ways off the contact, m ...
-        upright: ... of which those after so many count only where none before is clear.
+        upright: ... of which those after so many count only where none before is clear; likewise of landings.
         new: (N, m) where it goes ...
-        n_new: (N, 3) ... and the normals there.
-        heights: (H,) of landings, m.
+        landings: (N, L, 3) ... and ways off the contacts there, m, that it comes by.
         stops: (V, m) stop-overs, to go round by.
         step: between checks, rad.
-        found: (N, 3) written: index of the rise, of the height, and of the stop-over + 1; -1 where none.
+        found: (N, 3) written: index of the rise, of the landing, and of the stop-over + 1; -1 where none.
     """
     s = scratch(w)
     D, m = len(rises), others.shape[1]
@@ -246,9 +244,13 @@ def transits(w, f, X, others, old, touches, rises, upright, new, n_new, heights,
     asked = False
     for i in range(len(new)):
         found[i, 0] = found[i, 1] = found[i, 2] = -1
-        for h in range(len(heights)):
-            if not lift(w, f, new[i], n_new[i], heights[h], X, down, s):
+        lands = False
+        for h in range(landings.shape[1]):
+            if h == upright and lands:
+                break
+            if not lift(w, f, new[i], landings[i, h], 1.0, X, down, s):
                 continue
+            lands = True
             for d in range(D):
                 if able[d] and straight(w, f, up[d, LIFT_KNOTS - 1], down[LIFT_KNOTS - 1], X, step, q, s):
                     found[i, 0], found[i, 1], found[i, 2] = d, h, 0
