@@ -92,17 +92,17 @@ class ObjectPath:
         poses_beside(X, turn, shift, s.reshape(-1), np.ascontiguousarray(off.reshape(-1, 6)), out.reshape(-1, 3, 4))
         return out
 
-    def sideways(self, s: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """(N, 6) what of offsets (N, 6) at progress s (N,) is beside the path, not ahead of it or behind.
+    def sideways(self, s: float, off: np.ndarray) -> np.ndarray:
+        """(N, 6) what of offsets (N, 6) is beside the path on from progress s, not ahead of it or behind.
 
         An object that lags behind seems to have got farther than it has, and uses up the corridor's freedom to tilt.
         """
         turn, shift = self._between
-        i = np.clip(np.floor(s).astype(int), 0, len(turn) - 1)
+        i = min(int(s), len(turn) - 1)
         unit = np.repeat([np.radians(TICK_DEG), TICK_M], 3)
-        along = np.concatenate([turn[i], shift[i]], axis=1) / unit
-        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-        return off - (off / unit * along).sum(axis=1, keepdims=True) * along * unit
+        along = np.concatenate([turn[i], shift[i]]) / unit
+        along /= max(float(np.linalg.norm(along)), 1e-12)
+        return off - np.outer(off / unit @ along, along * unit)
 
     @cached_property
     def _between(self) -> tuple[np.ndarray, np.ndarray]:

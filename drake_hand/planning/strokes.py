@@ -105,7 +105,7 @@ def _targets(moves: Moves, state: Node) -> tuple[np.ndarray, np.ndarray]:
     noise = np.concatenate(
         [rng.normal(0, SPREAD_RAD, (STROKES_DRAWN, 3)), rng.normal(0, SPREAD_M, (STROKES_DRAWN, 3))], axis=1
     )
-    off = moves.corridor.clipped(moves.path.sideways(s, state.off + noise))
+    off = moves.corridor.clipped(moves.path.sideways(state.s, state.off + noise))
     # Some only improve the pose, some keep it, some go straight for the end.
     s[:4] = state.s
     s[4:6] = state.s + LONGEST_TICKS

@@ -78,7 +78,7 @@ def test_a_way_of_no_length_is_left_by_offsets_alone():
 def test_sideways_of_a_turn_about_an_axis_is_all_but_that_turn():
     path = build(pose(START), [Step(rotate=Rotate(axis=(0.0, 1.0, 0.0), angle_deg=30.0))])
     off = np.array([[0.01, 0.2, 0.03, 0.004, 0.005, 0.006]])
-    assert np.allclose(path.sideways(np.array([3.4]), off), [[0.01, 0.0, 0.03, 0.004, 0.005, 0.006]])
+    assert np.allclose(path.sideways(3.4, off), [[0.01, 0.0, 0.03, 0.004, 0.005, 0.006]])
 
 
 def test_what_is_on_the_path_farther_on_or_farther_back_is_not_beside_it():
@@ -89,13 +89,13 @@ def test_what_is_on_the_path_farther_on_or_farther_back_is_not_beside_it():
     for s in (2.0, path.stops[0] + 1.0):
         X, on = (path.X_WO[int(s) + k, :3] for k in (0, 1))
         on = np.concatenate([Rotation.from_matrix(on[:, :3] @ X[:, :3].T).as_rotvec(), on[:, 3] - X[:, 3]])
-        assert np.allclose(path.sideways(np.full(2, s), np.stack([on, -3 * on])), 0.0, atol=1e-12)
-    assert not np.allclose(path.sideways(np.array([2.0]), on[None]), 0.0, atol=1e-3)
+        assert np.allclose(path.sideways(s, np.stack([on, -3 * on])), 0.0, atol=1e-12)
+    assert not np.allclose(path.sideways(2.0, on[None]), 0.0, atol=1e-3)
 
 
 def test_where_a_path_goes_nowhere_all_is_beside_it():
     off = np.array([[0.01, 0.02, 0.03, 0.004, 0.005, 0.006]])
-    assert np.array_equal(still(pose(START)).sideways(np.zeros(1), off), off)
+    assert np.array_equal(still(pose(START)).sideways(0.0, off), off)
 
 
 def test_the_next_stop_is_the_end_of_the_step_one_is_in():

@@ -71,9 +71,10 @@ def test_strokes_stay_in_the_corridor_and_meet_a_stop_without_an_offset():
 
 def test_strokes_leave_the_path_sideways_only():
     """What lags behind has not got as far as its progress says."""
-    m = moves(HAND, PENCIL, path(HAND, turn(60.0)))
-    ends = [x for root in roots(m)[:6] for x in draw_strokes(m, root)]
-    axis, offsets = m.path.axis_W, np.stack([x.off for x in ends])
+    m = moves(HAND, PENCIL, path(HAND, turn(60.0), move(0.0, 0.0, 6.0)))
+    axis = m.path.X_WO[0, :3, 2]
+    ends = [x for root in roots(m)[:6] for s in (0.0, 22.0) for x in draw_strokes(m, replace(root, s=s))]
+    offsets = np.stack([x.off for x in ends])
     assert np.abs(offsets[:, :3] @ axis).max() < 1e-9
     assert np.linalg.norm(offsets[:, :3], axis=1).max() > 0.02
 
