@@ -47,10 +47,7 @@ class PressedTips:
 
         Those of a free finger fade from what its last contact left to what the next one begins with.
         """
-        depth = pad_compression(self.hand.pad, self._press(f_W), self.bend)
-        moved = -self.n_W * depth[..., None]
-        moved += roll_correction(depth, -self.n_W, self.R_WT, self.R_WO, self.touching, self.slides)
-        out = joint_offsets(self.hand, self.J_WP, f_W, moved)
+        out = joint_offsets(self.hand, self.J_WP, f_W, self._moved(self._press(f_W)))
         knots = np.arange(len(out))
         for finger, on in zip(self.hand.fingers, self.touching.T, strict=True):
             for c in finger.columns if on.any() else ():
@@ -73,30 +70,49 @@ class PressedTips:
             out[rows] = np.maximum(out[rows], np.linalg.norm(force, axis=1) / bears[rows, i] / COMMAND_LOSS_N)
         return out
 
+    def yielding(self, press: np.ndarray) -> np.ndarray:
+        """(n, nq) the part of offsets that makes up for what tips pressed with (n, k) N yield and roll short, rad."""
+        return joint_offsets(self.hand, self.J_WP, np.zeros_like(self.n_W), self._moved(press))
+
+    def _moved(self, press: np.ndarray) -> np.ndarray:
+        """(n, k, 3) how far tips are beside their path to press (n, k), m."""
+        depth = pad_compression(self.hand.pad, press, self.bend)
+        rolled = roll_correction(depth, -self.n_W, self.R_WT, self.R_WO, self.touching, self.slides)
+        return rolled - self.n_W * depth[..., None]
+
     def _press(self, f_W: np.ndarray) -> np.ndarray:
         return np.einsum("nki,nki->nk", f_W, -self.n_W)
 
 
+def bent(starts: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(n, nq) how much farther joints may go between knots than at those, rad; of q (n, nq), legs at starts."""
+    bend = _BEND_FACTOR * np.abs(off_halfway(starts, q))
+    return np.maximum(np.vstack([bend, bend[-1:]]), np.vstack([bend[:1], bend]))
+
+
 def within_limits(
-    hand: Hand, starts: np.ndarray, q: np.ndarray, offset: np.ndarray, touching: np.ndarray
-) -> np.ndarray:
-    """Offsets (n, nq) with which a free finger at a joint's limit sags onto it rather than being commanded beyond.
+    hand: Hand, q: np.ndarray, offset: np.ndarray, bend: np.ndarray, touching: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets with which a free finger at a joint's limit sags onto it rather than being commanded beyond.
 
     Joints bend between knots, where commands are not to go beyond either.
 
     Args:
         hand: with the limits.
-        starts: (legs + 1,) the knots that legs start at.
         q: (n, nq) of the path.
         offset: (n, nq) what is to be added to it.
+        bend: (n, nq) as of `bent`.
         touching: (n, fingers) bool.
+
+    Returns:
+        The offsets (n, nq), and by how much those of fingers that touch go beyond (n, nq).
     """
-    bend = _BEND_FACTOR * np.abs(off_halfway(starts, q))
-    bend = np.maximum(np.vstack([bend, bend[-1:]]), np.vstack([bend[:1], bend]))
+    kept = np.clip(q + offset, hand.q_lower + bend, hand.q_upper - bend)
+    beyond = np.abs(q + offset - kept)
     out = offset.copy()
     for finger, on in zip(hand.fingers, touching.T, strict=True):
         for c in finger.columns:
-            kept = np.clip(q[:, c] + offset[:, c], hand.q_lower[c] + bend[:, c], hand.q_upper[c] - bend[:, c])
-            beyond = ~on & (kept != q[:, c] + offset[:, c])
-            out[beyond, c] = (kept - q[:, c])[beyond]
-    return out
+            off = ~on & (beyond[:, c] > 0)
+            out[off, c] = (kept - q)[off, c]
+            beyond[off, c] = 0.0
+    return out, beyond

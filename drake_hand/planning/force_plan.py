@@ -23,7 +23,7 @@ from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.scene import Scene
-from drake_hand.planning.command_offsets import PressedTips, within_limits
+from drake_hand.planning.command_offsets import PressedTips, bent, within_limits
 from drake_hand.planning.failure import no_plan
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
@@ -118,7 +118,7 @@ def add_forces(
         force_W=borne[:, None] * holding.force_W,
         friction=friction,
         torsion_radius=holding.torsion_radius,
-        effort=_room(hand, q + weight, holding.effort),
+        effort=holding.effort,
         drag_W=holding.sliding_friction * light.slip_W,
         spin=twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching),
         spin_arm=_arms(hand, holding, wanted, bend, SPARE_FRICTION_SHARE),
@@ -142,7 +142,12 @@ def add_forces(
         slides=light.share == 1,
     )
     pressed = likely_press(contacts, problem)
-    problem = replace(problem, spin_arm=_arms(hand, holding, pressed, bend, SPARE_FRICTION_SHARE))
+    swing = bent(starts, q)
+    problem = replace(
+        problem,
+        effort=_room(hand, q + weight + tips.yielding(pressed), swing, holding.effort),
+        spin_arm=_arms(hand, holding, pressed, bend, SPARE_FRICTION_SHARE),
+    )
     solved: dict[bytes, np.ndarray] = {}
     for _ in range(TORSION_PASSES):
         try:
@@ -160,7 +165,9 @@ def add_forces(
         if again is None:
             break
         problem = again
-    offset = within_limits(hand, starts, q, offset + weight, touching)
+    offset, beyond = within_limits(hand, q, offset + weight, swing, touching)
+    if beyond.any():
+        raise _out_of_limits(beyond, hand, legs, starts, X)
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
@@ -216,22 +223,38 @@ def _blamed(
         try:
             balance_forces(contacts[j : j + 1], problem[j : j + 1])
         except Unbalanced:
-            leg = legs[min(int(np.searchsorted(starts, j, side="right")) - 1, len(legs) - 1)]
+            leg = _leg_at(j, legs, starts)
             what = "no contact forces balance the object within friction, efforts and joint limits"
             return no_plan(what, mode=leg.mode, constraint="balance", X_WO=X)
     return error
 
 
-def _room(hand: Hand, q: np.ndarray, effort: np.ndarray) -> np.ndarray:
+def _out_of_limits(
+    beyond: np.ndarray, hand: Hand, legs: list[Leg], starts: np.ndarray, X_WO: np.ndarray
+) -> NoPlanFound:
+    """The error that commands of fingers that touch are beyond limits (n, nq), naming the joint that is so most."""
+    j, c = np.unravel_index(beyond.argmax(), beyond.shape)
+    finger = next(f.name for f in hand.fingers if c in f.columns)
+    what = f"{hand.joints[c]} would be commanded {np.degrees(beyond[j, c]):.2g} deg beyond its limit to press"
+    mode = _leg_at(int(j), legs, starts).mode
+    return no_plan(what, mode=mode, finger=finger, constraint="joint limit", X_WO=X_WO[j])
+
+
+def _leg_at(knot: int, legs: list[Leg], starts: np.ndarray) -> Leg:
+    return legs[min(int(np.searchsorted(starts, knot, side="right")) - 1, len(legs) - 1)]
+
+
+def _room(hand: Hand, q: np.ndarray, bend: np.ndarray, effort: np.ndarray) -> np.ndarray:
     """(2, n, k, m) largest and most negative joint torques: the efforts, and what servos can be commanded off target.
 
-    A servo at q (n, nq) that is to stay within its joint's limits can be commanded no farther than these.
+    A servo at q (n, nq), or farther by a bend (n, nq), can be commanded no farther than its joint's limits.
     """
+    kept = np.maximum(bend, SERVO_ROOM_RAD)
     out = np.full((2, len(q), *effort.shape), 1e3)
     for i, finger in enumerate(hand.fingers):
         c = finger.columns
         for x, way in enumerate((hand.q_upper[c] - q[:, c], q[:, c] - hand.q_lower[c])):
-            out[x, :, i, : len(c)] = hand.stiffness[c] * np.maximum(way - SERVO_ROOM_RAD, 0.0)
+            out[x, :, i, : len(c)] = hand.stiffness[c] * np.maximum(way - kept[:, c], 0.0)
     return np.minimum(out, effort)
 
 

@@ -6,7 +6,7 @@ from scipy.interpolate import make_interp_spline
 
 from drake_hand.contact.chain import FingerKinematics
 from drake_hand.model.hand import Hand
-from drake_hand.planning.command_offsets import COMMAND_LOSS_N, PressedTips, within_limits
+from drake_hand.planning.command_offsets import COMMAND_LOSS_N, PressedTips, bent, within_limits
 
 PRESS_N = 1.5
 
@@ -56,8 +56,32 @@ def test_a_free_finger_is_not_commanded_beyond_its_limit_where_its_way_bends_bet
     q = np.zeros((n, hand.nq))
     q[:, c] = hand.q_lower[c] + 1e-4 + 0.05 * (2 * s - 1) ** 2  # comes near its limit in the middle, between two knots
     sag = np.full_like(q, -1e-3)
-    told = within_limits(hand, np.array([0, n - 1]), q, sag, np.zeros((n, len(hand.fingers)), dtype=bool))
+    swing = bent(np.array([0, n - 1]), q)
+    told, beyond = within_limits(hand, q, sag, swing, np.zeros((n, len(hand.fingers)), dtype=bool))
+    assert not beyond.any()
     between = np.linspace(0, 1, 1001)
     command = make_interp_spline(s, q[:, c], k=3)(between) + np.interp(between, s, told[:, c])
     assert command.min() >= hand.q_lower[c]
     assert command.min() < hand.q_lower[c] + 1e-3, "it may come as near as that"
+
+
+def test_a_finger_that_touches_is_left_as_it_is_and_told_by_how_much_it_is_beyond():
+    hand = Hand.load("kanguera")
+    c, n = hand.fingers[1].columns[0], 3
+    q, touching = np.zeros((n, hand.nq)), np.zeros((n, len(hand.fingers)), dtype=bool)
+    q[:, c], touching[1:, 1] = hand.q_upper[c] - 0.01, True
+    offset, swing = np.zeros_like(q), np.zeros_like(q)
+    offset[:, c], swing[2, c] = [0.03, 0.03, 0.009], 0.004
+    told, beyond = within_limits(hand, q, offset, swing, touching)
+    assert told[:, c] == pytest.approx([0.01, 0.03, 0.009])
+    assert beyond[:, c] == pytest.approx([0.0, 0.02, 0.003])
+    assert not np.delete(beyond, c, axis=1).any()
+
+
+def test_what_makes_up_for_pads_is_all_of_an_offset_but_what_servos_press_with():
+    some, f_W = tips((0.3, 0.6), 5)
+    finger = some.hand.fingers[int(np.flatnonzero(some.touching[0])[0])]
+    c, i = finger.columns, finger.index
+    pressed = np.einsum("nji,nj->ni", some.J_WP[:, i], f_W[:, i]) / some.hand.stiffness[c]
+    press = np.where(some.touching, PRESS_N, 0.0)
+    np.testing.assert_allclose((some.offsets(f_W) - some.yielding(press))[:, c], pressed, atol=1e-12)

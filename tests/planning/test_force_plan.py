@@ -1,6 +1,7 @@
 """What fingers are told: forces that rise and fade, balance between knots too, and commands within limits."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 from drake_hand.contact.forces import ForceProblem
 from drake_hand.contact.spin import SPARE_FRICTION_SHARE
 from drake_hand.contact.weight import weight_offsets
+from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
@@ -17,6 +19,7 @@ from drake_hand.planning.command_offsets import PressedTips
 from drake_hand.planning.force_plan import INTERPOLATION_LOSS_M, _arms, _as_pressed, add_forces
 from drake_hand.planning.force_windows import forces_along
 from drake_hand.planning.holding import Equilibrium
+from drake_hand.planning.kernels.hold import SERVO_ROOM_RAD
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import Surroundings, lift_off
 from drake_hand.plans.path import Leg
@@ -143,6 +146,54 @@ def with_forces(legs: list[Leg]) -> Leg:
     """The last of the legs, the cylinder heavy."""
     holding = equilibrium("quartet", "cylinder", mass=MASS)
     return add_forces(legs, scene("quartet", "cylinder"), np.array(UP["quartet"]), holding)[-1]
+
+
+def near_its_limit(share: float) -> tuple[Hand, int, list[Leg]]:
+    """A hand whose last joint of one finger may go farther than `coarse_legs` by such a share of the offset it takes.
+
+    Returns:
+        The hand, the joint's column and the legs.
+    """
+    hand, legs = scene("quartet", "cylinder").hand, coarse_legs()
+    leg = with_forces(legs)
+    c = int(hand.fingers[2].columns[np.argmax(leg.q_offset[:, hand.fingers[2].columns].max(axis=0))])
+    farthest, commanded = leg.q[:, c].max(), (leg.q + leg.q_offset)[:, c].max()
+    upper = hand.q_upper.copy()
+    upper[c] = farthest + share * (commanded - farthest)
+    return replace(hand, q_upper=upper), c, legs
+
+
+def on_hand(hand: Hand, legs: list[Leg]) -> Leg:
+    """The last of the legs, with forces of a hand that is like the quartet's."""
+    there = Scene(hand, Object.load("cylinder"))
+    return add_forces(legs, there, np.array(UP["quartet"]), equilibrium("quartet", "cylinder", mass=MASS))[-1]
+
+
+def test_fingers_press_no_harder_than_commands_within_limits_can_besides_making_up_for_their_pads():
+    hand, c, legs = near_its_limit(0.9)
+    leg = on_hand(hand, legs)
+    most = (leg.q + leg.q_offset)[:, c].max()
+    assert most <= hand.q_upper[c] - SERVO_ROOM_RAD + 1e-4
+    with pytest.raises(NoPlanFound, match="joint limits"):
+        on_hand(near_its_limit(0.5)[0], legs)
+
+
+def test_a_finger_that_would_be_commanded_beyond_a_limit_ends_a_plan(monkeypatch):
+    hand, c, legs = near_its_limit(0.6)
+    monkeypatch.setattr(force_plan, "_room", lambda hand, q, bend, effort: effort)
+    with pytest.raises(NoPlanFound, match=f"{hand.joints[c]} would be commanded .* beyond its limit") as e:
+        on_hand(hand, legs)
+    assert (e.value.evidence.constraint, e.value.evidence.finger) == ("joint limit", hand.fingers[2].name)
+
+
+def test_where_joints_swing_beyond_knots_servos_are_left_less_room():
+    hand = Hand.load("quartet")
+    q, bend = hand.q_upper[None] - 0.1, np.zeros((1, hand.nq))
+    c = hand.fingers[1].columns
+    bend[:, c] = 0.04
+    room = force_plan._room(hand, q, bend, np.full((len(hand.fingers), len(c)), 1e3))
+    np.testing.assert_allclose(room[0, 0, 1], hand.stiffness[c] * 0.06)
+    np.testing.assert_allclose(room[0, 0, 0], hand.stiffness[hand.fingers[0].columns] * (0.1 - SERVO_ROOM_RAD))
 
 
 def test_a_leg_gets_knots_enough_for_what_commands_lose_between_them(monkeypatch):
