@@ -31,7 +31,9 @@ STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
 OFFERED_A_ROUND = 4
-"""Start poses offered that are tried between two rounds of searches; of those beside others one is."""
+"""Start poses offered that are tried between two rounds of searches; beside others one is."""
+STALLED_EXPANSIONS = 40
+"""States that the search which got farthest expands without getting any farther, before starts beside its are tried."""
 PROMISING_STARTS = 6
 """So many of the most promising starts are searched from, at any time."""
 SHORTEST_GAIT_TICKS = 37
@@ -174,45 +176,62 @@ def starts_beside(
 
 
 def further_starts(
-    problem: Problem, tasks: Iterator[Task], free: list[Attempt], wanted: Grasp, moving: list[Step], then: list[Grasp]
+    problem: Problem,
+    tasks: Iterator[Task],
+    free: list[Attempt],
+    wanted: Grasp,
+    moving: list[Step],
+    then: list[Grasp],
+    *,
+    gaits: bool,
 ) -> Iterator[Attempt | None]:
-    """Searches from further starts, those offered and then such beside the best, where one of them promises more.
+    """Searches from further starts, one or none a round: some of those offered, and one beside the best.
 
-    A start joins that is among the most promising so far, or from which a grasp lasts to the end or there is a gait.
-    Looked for between rounds of searches; beside others only where a grasp nearly lasts, or those of its fingers that
-    it cannot spare.
+    A start that is offered joins if it is among the most promising so far, or if a grasp lasts to the end from it or
+    there is a gait. The best is the one whose search got farthest, where that has stalled: what is beside it joins in
+    any case, since promises tell little. Or it is that whose grasp nearly lasts, or those fingers of it that it cannot
+    spare. Where gaits are looked for, how far a search gets without one does not count.
     """
     rng = np.random.default_rng([problem.task.options.seed, 1])  # not the starts that `starts_beside` tried
     lasting, staying = lasts_longest(free), _stays_longest(free)
     promises = sorted(x.promise for x in free)[-PROMISING_STARTS:]
     turned = bool(free) and _turned(problem, free[0]) is not None
+    known = list(free)
 
-    def beside() -> Iterator[Task]:
-        for k in itertools.count():
-            best = lasting if staying is None or (lasting is not None and k % 2 == 0) else staying
-            if best is None:
-                return
-            yield start.close_by(best.task, problem.clearance, rng)
-
-    offered = ((task, k % OFFERED_A_ROUND == 0) for k, task in enumerate(tasks, start=1))
-    for task, pause in itertools.chain(offered, ((task, True) for task in beside())):
+    def begun(task: Task, *, joins: bool) -> Attempt | None:
+        nonlocal lasting, staying, promises
         try:
             with problem.stage("grasp"):
                 found = from_start(problem, task, problem.builder(task), wanted, moving, then)
         except NoPlanFound:
-            if pause:
-                yield None
-            continue
+            return None
         if lasting is not None and found.search.lasting > lasting.search.lasting:
             lasting = found
-        joins = found.search.straight or len(promises) < PROMISING_STARTS or found.promise > promises[0]
-        if joins:
-            promises = sorted([*promises, found.promise])[-PROMISING_STARTS:]
         if staying is not None and found.promise > staying.promise:
             staying = found
+        promising = len(promises) < PROMISING_STARTS or found.promise > promises[0]
         if turned and (end := gait_of(problem, found, wanted)) is not None:
             found, joins = replace(found, gait=end), True
             found.search.moves.evaluate([end])
             found.search.begin([end])
-        if joins or pause:
-            yield found if joins else None
+        if not (joins or promising or found.search.straight):
+            return None
+        promises = sorted([*promises, found.promise])[-PROMISING_STARTS:]
+        known.append(found)
+        return found
+
+    for k in itertools.count():
+        offered = (begun(task, joins=False) for task in itertools.islice(tasks, OFFERED_A_ROUND))
+        yield from (x for x in offered if x is not None)
+        farthest = None if gaits else _stalled(known)
+        some = [x for x in (farthest, staying, farthest, lasting) if x is not None]
+        best = some[k % len(some)] if some else None
+        beside = start.close_by(best.task, problem.clearance, rng) if best else None
+        yield begun(beside, joins=best is farthest) if beside else None
+
+
+def _stalled(attempts: list[Attempt]) -> Attempt | None:
+    """That whose search got farthest, if it has since expanded some states for nothing."""
+    some = (x for x in attempts if x.expansions and not x.search.exhausted)
+    best = max(some, key=lambda x: x.search.fraction, default=None)
+    return best if best is not None and best.stalled >= STALLED_EXPANSIONS else None

@@ -27,7 +27,8 @@ SETS_DRAWN = 3000
 TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
 SETS_EXAMINED, SETS_EXPLAINED = 300, 20
-"""Of those that hold, how many are looked at more closely, and of how many it is said what they collide with."""
+"""Of those that hold, or come nearest to it where none does, how many are looked at more closely; and of how many it is
+said what they collide with."""
 FIRM_FINGERS = 3
 """So many hold an object firmly: between two it turns about the line through both, but for the torsion of their pads.
 Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
@@ -97,7 +98,8 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     margins = _margins(moves, moves.load, X, posture, touching)
     held = np.flatnonzero(margins[:, -1] >= 0)
     if not len(held):
-        what, constraint = _short_of(moves, X, posture, touching, float(margins[:, -1].max()))
+        some = np.argsort(-margins[:, -1], kind="stable")[:SETS_EXAMINED]
+        what, constraint = _short_of(moves, X, posture[some], touching[some], float(margins[some[0], -1]))
         besides = "".join(f"; {hand.fingers[f].name} cannot touch it ({moves.out_of_reach(f, X)})" for f in unable)
         raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}{besides}", constraint)
     margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTED_MARGIN_N)

@@ -100,8 +100,9 @@ def from_grasps(
     coming_back = sorted((x for x in both if x is not None), key=lambda x: -x.ease)
     others = free[: BESIDE_GAITS if coming_back else FREE_SEARCHES]
     searching = coming_back[:GAIT_SEARCHES] + others
-    more = _also_coming_back(problem, further_starts(problem, starts, free, wanted, moving, then)) if movable else ()
-    yield from _in_turn(problem, searching, failures, more)
+    gaits = bool(coming_back)
+    further = further_starts(problem, starts, free, wanted, moving, then, gaits=gaits) if movable else iter(())
+    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further))
 
 
 def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step]) -> Iterator[Task]:

@@ -18,7 +18,7 @@ from drake_hand.model.hand import Hand
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World, scratch
-from drake_hand.planning.object_path import MOVING_KINDS, aligned, as_pose, build, pose
+from drake_hand.planning.object_path import MOVING_KINDS, ObjectPath, aligned, as_pose, build, pose
 from drake_hand.planning.on_table import laid
 from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
 from drake_hand.plans.task import Pose, Task, Vector
@@ -47,7 +47,8 @@ _SPACING_M = 8e-3
 _JITTER_M = 0.015
 """m; how far from where fingertips meet an object's middle may be."""
 _MET_AT = 4
-"""Places along its path, of which the object's middle is at one when it is near where fingertips meet."""
+"""Places along its path, at one of which the object's middle is near where fingertips meet, and its long axis across
+the fingers."""
 BESIDE_M, BESIDE_RAD = 5.0e-3, np.radians(10.0)
 """How far a pose beside another is from it along each axis, and how much it is turned, standard deviations."""
 MOST_LEAN_RAD = np.radians(30.0)
@@ -76,11 +77,11 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
 def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
     """Poses X_WO (4, 4), the most promising first: most fingers reach several sides of it, also along its path.
 
-    Its middle is near where fingertips meet, at the start or farther along its path, clear of the palm; where there is
-    a table, it lies on it. Its long axis is along the line of the finger bases, as a pencil lies across the fingers,
-    give or take 30 deg; it is drawn at random about itself. Where a step turns the object about an axis of W through
-    its own origin, half of the poses align that axis with one about which the object looks the same after a part of
-    the turn, the smallest there is.
+    At the start or farther along its path its middle is near where fingertips meet, and its long axis along the line of
+    the finger bases, as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. All
+    along its path it is clear of the palm; where there is a table, it lies on it at the start. Where a step turns the
+    object about an axis of W through its own origin, half of the poses align that axis with one about which the object
+    looks the same after a part of the turn, the smallest there is.
 
     Args:
         task: what is asked.
@@ -126,8 +127,10 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         middle = middles[rng.integers(len(middles))] + _JITTER_M * rng.normal(size=3)
         X[:3, 3] = middle - X[:3, :3] @ surface.centre
         if moving:
-            way = build(X, moving).X_WO
-            there = way[round((len(way) - 1) * (k // 2 % _MET_AT) / (_MET_AT - 1))]
+            place = (k // 2 % _MET_AT) / (_MET_AT - 1)
+            there = _at(build(X, moving), place)
+            X[:3, :3] = X[:3, :3] @ there[:3, :3].T @ X[:3, :3]
+            there = _at(build(X, moving), place)
             X[:3, 3] += middle - (there[:3, :3] @ surface.centre + there[:3, 3])
         lies = laid(clearance, outward, X)
         if lies is None:
@@ -155,6 +158,11 @@ def close_by(task: Task, clearance: Clearance, rng: np.random.Generator) -> Task
     X[:3, 3] += rng.normal(0.0, BESIDE_M, 3)
     lies = laid(clearance, clearance.surface.sample(_SPACING_M)[1], X)
     return task if lies is None else msgspec.structs.replace(task, start=_rounded(lies, clearance))
+
+
+def _at(path: ObjectPath, place: float) -> np.ndarray:
+    """(4, 4) the pose at a share of a path."""
+    return path.X_WO[round(path.ticks * place)]
 
 
 def _rounded(X_WO: np.ndarray, clearance: Clearance) -> Pose:

@@ -1,4 +1,4 @@
-"""Several searches from several starts: a slice each at first, then more for those that got farther.
+"""Several searches from several starts: a slice each at first, then more for those that get farther.
 
 Which of them works does not depend on the number of cores or on how fast they are, so that plans are repeatable.
 """
@@ -20,11 +20,13 @@ from drake_hand.plans.task import Task
 
 SLICE_EXPANSIONS = 20
 """States expanded before it is another search's turn."""
+FARTHER_SHARE = 0.02
+"""Of the motion: a search that has not got so much farther has stalled since."""
 SEARCHES_AT_ONCE = 2
 """Searches at work side by side, however many cores there are: so that plans do not depend on the machine."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Attempt:
     """A search, and what it starts from."""
 
@@ -42,10 +44,15 @@ class Attempt:
     """The end of a gait of equal strokes."""
     meeting: Meeting | None = None
     """Of the search with one from the end of its path."""
+    _farther: tuple[float, int] = (0.0, 0)
+    """How far it had got when it last got farther, and its expansions then."""
 
     def run(self, budget: int, deadline: float) -> Node | None:
         """Expands so many states, of both searches where there are two."""
-        return (self.meeting or self.search).run(budget, deadline)
+        end = (self.meeting or self.search).run(budget, deadline)
+        if self.reached > self._farther[0] + FARTHER_SHARE:
+            self._farther = self.reached, self.expansions
+        return end
 
     @property
     def expansions(self) -> int:
@@ -62,12 +69,24 @@ class Attempt:
         return NoPlanFound(reason, status=status, evidence=why.evidence)
 
     @property
-    def effort(self) -> float:
-        """Its cost so far, relative to how far it got; zero while that is unknown."""
+    def reached(self) -> float:
+        """Share of the motion, or of the period that a gait would repeat; of two searches the mean of theirs."""
         far = self.search.goal_fraction
-        if self.meeting and self.meeting.back:
-            far = (far + self.meeting.back.fraction) / 2
-        return self.expansions / (0.3 + far) ** 3
+        return (far + self.meeting.back.fraction) / 2 if self.meeting and self.meeting.back else far
+
+    @property
+    def stalled(self) -> int:
+        """States expanded since it last got farther."""
+        return self.expansions - self._farther[1]
+
+    @property
+    def effort(self) -> float:
+        """Its cost so far, relative to how far it got; zero while that is unknown.
+
+        Mostly what it cost since it last got farther; not so where it is to come back, which is not seen in that.
+        """
+        cost = self.expansions if self.search.period else 2 * self.stalled + self.expansions / 4
+        return cost / (0.3 + self.reached) ** 3
 
 
 def in_turn(
@@ -82,7 +101,7 @@ def in_turn(
     Args:
         attempts: any number.
         failures: of attempts that were not even begun.
-        further: attempts to add, one after each round that found nothing; None for none this time.
+        further: attempts to add, one after each round in which one got no farther; None for none this time.
         out_of_time: asked before each round.
         deadline: on the monotonic clock.
 
@@ -101,7 +120,7 @@ def in_turn(
         found |= bool(done)
         for x, _ in done:
             x.search.restart()  # what was found did not do, nor would what is much like it
-        if not done and (another := next(further, None)) is not None:
+        if not done and any(x.stalled for x in now) and (another := next(further, None)) is not None:
             attempts.append(another)
     late = out_of_time()
     if not found or late:

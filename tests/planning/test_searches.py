@@ -15,7 +15,7 @@ from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.problem import Problem
-from drake_hand.planning.turns import SLICE_EXPANSIONS, Attempt, in_turn
+from drake_hand.planning.turns import FARTHER_SHARE, SLICE_EXPANSIONS, Attempt, in_turn
 from drake_hand.plans.task import Grasp, Options, Step
 from tests.planning.small import move, task, turn
 
@@ -128,8 +128,25 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
     assert beside == best, "each step is taken from the best so far"
 
 
-def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, promising=1, a_round=1, offered=3):
-    """Further starts by number (those beside others from 10, the third none), and what they were begun beside."""
+def further(
+    monkeypatch,
+    lasting,
+    promise,
+    staying,
+    *,
+    gaits=(),
+    turned=False,
+    promising=1,
+    a_round=1,
+    offered=3,
+    reached=None,
+    coming_back=False,
+):
+    """Further starts by number (those beside others from 10, the third none), and what they were begun beside.
+
+    Searches from some have expanded states and reached so much of the motion.
+    """
+    spent, reached = attempts_.STALLED_EXPANSIONS, reached or {}
 
     def attempt(problem, k: int, *_) -> Attempt:
         if k == 3:
@@ -139,6 +156,9 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, prom
             straight=lasting.get(k) == 1.0,
             moves=SimpleNamespace(evaluate=begun.append),
             begin=begun.append,
+            exhausted=False,
+            expansions=spent if k in reached else 0,
+            fraction=reached.get(k, 0.0),
         )
         stays = staying.get(k, 0.0)
         promises = promise.get(k, 0.0) + LASTING_SCORE * stays
@@ -151,22 +171,44 @@ def further(monkeypatch, lasting, promise, staying, gaits=(), turned=False, prom
     monkeypatch.setattr(attempts_, "_turned", lambda *_: turned or None)
     monkeypatch.setattr(attempts_, "gait_of", lambda problem, x, wanted: f"gait {x.task}" if x.task in gaits else None)
     monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: beside.append(task) or 9 + len(beside))
-    more = attempts_.further_starts(problem_of("auto"), range(1, 1 + offered), [attempt(None, 0)], Grasp(), [], [])
+    tasks, free = iter(range(1, 1 + offered)), [attempt(None, 0)]
+    more = attempts_.further_starts(problem_of("auto"), tasks, free, Grasp(), [], [], gaits=coming_back)
     return more, beside, begun
 
 
-def test_further_starts_are_those_offered_then_such_beside_the_best_and_only_lasting_ones_join(monkeypatch):
-    lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 1.0, 12: 0.9, 13: 0.9}
+def numbers(more, rounds: int) -> list[int | None]:
+    return [x and x.task for x in itertools.islice(more, rounds)]
+
+
+def test_each_round_some_that_are_offered_and_one_beside_the_best_are_looked_at_and_only_lasting_ones_join(monkeypatch):
+    lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 0.75, 12: 1.0, 13: 0.9}
     more, beside, _ = further(monkeypatch, lasting, {}, {})
-    assert [x and x.task for x in itertools.islice(more, 7)] == [None, None, None, None, 11, None, None]
-    assert beside == [2, 2, 11, 11], "the best so far"
+    assert numbers(more, 5) == [None, None, 12, None, None]
+    assert beside == [0, 2, 2, 12, 12], "the best so far"
 
 
 def test_none_are_begun_beside_others_where_nothing_nearly_lasts(monkeypatch):
     little = attempts_.NEARLY_LASTING_SHARE - 0.01
     more, beside, _ = further(monkeypatch, {0: little}, {}, {0: little})
-    assert list(more) == [None] * 3
+    assert numbers(more, 9) == [None] * 9
     assert beside == []
+
+
+def test_what_is_beside_the_search_that_got_farthest_joins_where_that_has_stalled(monkeypatch):
+    """However little it promises; what has just begun, or still gets farther, is left to itself."""
+    more, beside, _ = further(monkeypatch, {}, {}, {}, offered=0, reached={0: 0.4, 11: 0.6, 12: 0.5})
+    assert numbers(more, 4) == [10, 11, 12, 13]
+    assert beside == [0, 0, 11, 11]
+    monkeypatch.setattr(attempts_, "STALLED_EXPANSIONS", attempts_.STALLED_EXPANSIONS + 1)
+    assert numbers(more, 1) == [None]
+    gait, beside, _ = further(monkeypatch, {}, {}, {}, offered=0, reached={0: 0.4}, coming_back=True)
+    assert (numbers(gait, 3), beside) == ([None] * 3, []), "how far it gets without coming back does not count"
+
+
+def test_of_three_starts_one_is_beside_that_whose_grasp_nearly_lasts_the_others_beside_the_farthest(monkeypatch):
+    more, beside, _ = further(monkeypatch, {0: 0.5}, {}, {}, offered=0, reached={0: 0.2, 10: 0.3})
+    assert numbers(more, 4) == [10, 11, None, 13]
+    assert beside == [0, 10, 0, 10]
 
 
 def test_starts_join_that_are_among_the_most_promising_so_far(monkeypatch):
@@ -174,27 +216,27 @@ def test_starts_join_that_are_among_the_most_promising_so_far(monkeypatch):
     promise = {0: 1.0, 1: 0.5, 2: 0.4, 4: 0.9, 5: 0.8, 6: 1.1, 7: 1.0, 8: 0.95}
     more, _, _ = further(monkeypatch, {}, promise, {}, promising=2, a_round=3, offered=8)
     # 1 joins; 2 does not, and 3 is none: a round; 4 joins; 5 does not; 6 joins; 7 and 8 are not as good as two before
-    assert [x and x.task for x in more] == [1, None, 4, 6]
+    assert numbers(more, 5) == [1, None, 4, 6, None]
 
 
 def test_starts_whose_fingers_stay_longer_join_and_are_begun_beside_in_turn(monkeypatch):
     """A grasp that lasts longest is not the one that promises most; each is bettered by starts beside it."""
     more, beside, _ = further(
         monkeypatch,
-        {0: 0.5, 2: 0.6, 10: 0.7},
-        promise={0: 1.0, 1: 1.0, 2: 0.5, 10: 0.2, 11: 1.1, 13: 0.9},
-        staying={0: 0.6, 1: 0.7, 11: 0.7, 13: 0.9},
+        {0: 0.5, 2: 0.6, 11: 0.7},
+        promise={0: 1.0, 1: 1.0, 2: 0.5, 11: 0.2, 12: 1.1, 14: 0.9},
+        staying={0: 0.6, 1: 0.7, 12: 0.7, 14: 0.9},
     )
-    assert [x and x.task for x in itertools.islice(more, 7)] == [1, None, None, None, 11, None, 13]
-    assert beside == [2, 1, 10, 11]
+    assert numbers(more, 7) == [1, None, None, 12, None, 14, None]
+    assert beside == [1, 2, 1, 11, 12, 11]
 
 
 def test_starts_with_a_gait_join_with_its_end_to_start_from(monkeypatch):
     more, beside, begun = further(monkeypatch, {}, {}, {}, gaits=(2,), turned=True)
-    first, second, *rest = more
-    assert first is None
+    first, second, third = itertools.islice(more, 3)
+    assert first is third is None
     assert (second.task, second.gait, begun) == (2, "gait 2", [["gait 2"]] * 2), "evaluated, then begun from"
-    assert (rest, beside) == ([None], [])
+    assert beside == []
 
 
 def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_there(monkeypatch):
@@ -284,38 +326,67 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
 
 
 class _Search:
-    """One that gets no farther than where it is."""
+    """One that has got to some share of its goal from the start, and from there so much farther in each turn."""
 
     exhausted = False
 
-    def __init__(self, goal_fraction: float) -> None:
-        self.goal_fraction, self.expansions = goal_fraction, 0
+    def __init__(self, goal_fraction: float, gain: float = 0.0, period: object = None) -> None:
+        self.goal_fraction, self.gain, self.period, self.expansions = goal_fraction, gain, period, 0
 
     def run(self, budget: int, deadline: float) -> None:
         self.expansions += budget
+        self.goal_fraction = min(1.0, self.goal_fraction + self.gain)
 
 
-def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more():
-    some = [Attempt(task=None, builder=None, search=_Search(share)) for share in (0.9, 0.2, 0.5, 0.2)]
-    rounds = in_turn(some, [], iter(()), lambda: False, np.inf)
-    next(rounds)
-    next(rounds)
-    assert [x.search.expansions for x in some] == [SLICE_EXPANSIONS] * 4
-    for _ in range(30):
-        next(rounds)
-    spent = [x.search.expansions for x in some]
-    assert spent[0] > spent[2] > 2 * spent[1]
-    assert min(spent) > SLICE_EXPANSIONS, "none is forgotten"
+def begun(*searches: _Search) -> list[Attempt]:
+    return [Attempt(task=None, builder=None, search=x) for x in searches]
 
 
-def test_a_further_start_joins_after_each_round_that_found_nothing_and_has_its_turn():
-    some = [Attempt(task=None, builder=None, search=_Search(share)) for share in (0.9, 0.8)]
-    late = Attempt(task=None, builder=None, search=_Search(0.1))
+def spent(some: list[Attempt], rounds: int) -> list[int]:
+    """States that each has expanded after so many rounds."""
+    turns = in_turn(some, [], iter(()), lambda: False, np.inf)
+    for _ in range(rounds):
+        next(turns)
+    return [x.search.expansions for x in some]
+
+
+@pytest.mark.parametrize("period", [None, "one"])
+def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more(period):
+    some = begun(*(_Search(share, period=period) for share in (0.9, 0.2, 0.5, 0.2)))
+    assert spent(some, 2) == [SLICE_EXPANSIONS] * 4
+    far, near, middle, also = spent(some, 30)
+    assert far > middle > 1.7 * near
+    assert min(near, also) > SLICE_EXPANSIONS, "none is forgotten"
+
+
+def test_a_search_that_still_gets_farther_goes_on_and_one_that_has_stalled_waits():
+    rest = _Search(0.3), _Search(0.3), _Search(0.3)
+    grows, *_ = spent(begun(_Search(0.2, gain=0.03), *rest), 22)
+    assert grows >= 19 * SLICE_EXPANSIONS
+    creeps, *_ = spent(begun(_Search(0.2, gain=FARTHER_SHARE / 40), *rest), 22)
+    assert creeps < 15 * SLICE_EXPANSIONS, "by so little none gets anywhere"
+
+
+def test_a_search_that_is_to_come_back_is_not_taken_to_have_stalled_where_its_period_ends():
+    """Only how far it got counts, not when."""
+    back, free = spent(begun(_Search(1.0, period="one"), _Search(0.9)), 2)
+    assert back == free == 2 * SLICE_EXPANSIONS
+    some = begun(_Search(1.0, period="one"), _Search(0.5), _Search(0.5))
+    assert spent(some, 30)[0] >= 29 * SLICE_EXPANSIONS, "though it got no farther, and others have their turn as well"
+
+
+def test_a_further_start_joins_after_each_round_in_which_one_got_no_farther_and_has_its_turn():
+    some, (late,) = begun(_Search(0.9), _Search(0.8)), begun(_Search(0.1))
     rounds = in_turn(some, [], iter([None, late]), lambda: False, np.inf)
-    for _ in range(3):
+    for _ in range(4):
         next(rounds)
     assert some[2:] == [late]
     assert late.search.expansions == SLICE_EXPANSIONS
+    some = begun(_Search(0.0, gain=0.1), _Search(0.0, gain=0.1))
+    rounds = in_turn(some, [], iter([late]), lambda: False, np.inf)
+    for _ in range(3):
+        next(rounds)
+    assert len(some) == 2, "all of them still get farther"
 
 
 def test_what_follows_a_hand_over_is_looked_for_from_both_ends_too(monkeypatch):

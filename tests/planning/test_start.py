@@ -15,7 +15,7 @@ from drake_hand.model.scene import Scene
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.object_path import as_pose
 from drake_hand.planning.planner import find_paths
-from drake_hand.planning.start import POSES_OFFERED, close_by, palms, variants
+from drake_hand.planning.start import MOST_LEAN_RAD, POSES_OFFERED, _across, close_by, palms, variants
 from drake_hand.planning.world import world
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task, Translate
@@ -88,6 +88,25 @@ def test_an_object_that_goes_far_starts_where_all_of_its_way_is_near_the_fingert
     goes = middles(Step(translate=Translate(by_mm=(0.0, 0.0, 60.0))))
     off = goes.mean(axis=0) + np.array([0.0, 0.0, 30.0]) - stays.mean(axis=0)
     assert np.abs(off).max() < 8.0, "half of its way lies on either side of where it would stay"
+
+
+def test_a_long_object_that_is_turned_lies_across_the_fingers_at_some_place_of_its_way(clearance):
+    """At any of four: where it starts, a third or two thirds on, or where it ends."""
+    about = np.array([1.0, 0.0, 0.0])
+    quarter = Step(rotate=Rotate(axis=tuple(about.tolist()), angle_deg=90.0))
+    some = starts(spin(start="auto", motion=[Step(grasp=Grasp()), quarter]), clearance)
+    at_start = Rotation.from_euler("xyz", [x.start.rpy_deg for x in some], degrees=True)
+    along = at_start.apply(clearance.surface.long_axis)
+    aligned = np.abs(along @ about) > np.cos(np.radians(2.0))  # the turn looks the same all along
+    row = _across(clearance.hand, np.random.default_rng(0))
+    leans = []
+    for angle in np.radians([0.0, 30.0, 60.0, 90.0]):
+        there = Rotation.from_rotvec(angle * about).apply(along[~aligned])
+        leans.append(np.arccos(np.clip(np.abs(there @ row), 0.0, 1.0)))
+    across = np.array(leans) < MOST_LEAN_RAD + np.radians(1.0)
+    assert across.any(axis=0).all()
+    alone = across & (across.sum(axis=0) == 1)
+    assert (alone[[0, 3]].sum(axis=1) > 3).all(), "some only where they start, some only where they end"
 
 
 def test_starts_depend_on_the_seed_alone(clearance, auto):
