@@ -20,7 +20,7 @@ from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World, scratch
 from drake_hand.planning.object_path import MOVING_KINDS, ObjectPath, aligned, as_pose, build, pose
 from drake_hand.planning.on_table import laid
-from drake_hand.planning.period import SHORTEST_PERIOD_RAD, counts
+from drake_hand.planning.period import FEWEST_PERIODS, SHORTEST_PERIOD_RAD, counts
 from drake_hand.plans.task import Pose, Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
@@ -77,11 +77,12 @@ def variants(task: Task, clearance: Clearance, world: World, rng: np.random.Gene
 def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generator) -> list[np.ndarray]:
     """Poses X_WO (4, 4), the most promising first: most fingers reach several sides of it, also along its path.
 
-    At the start or farther along its path its middle is near where fingertips meet, and its long axis along the line of
-    the finger bases, as a pencil lies across the fingers, give or take 30 deg; it is drawn at random about itself. All
-    along its path it is clear of the palm; where there is a table, it lies on it at the start. Where a step turns the
-    object about an axis of W through its own origin, half of the poses align that axis with one about which the object
-    looks the same after a part of the turn, the smallest there is.
+    At the start or farther along its path its middle is near where fingertips meet, clear of the palm all along; where
+    there is a table, it lies on it at the start. Its long axis is along the line of the finger bases, as a pencil lies
+    across the fingers, give or take 30 deg; it is drawn at random about itself. Where a step turns the object about an
+    axis of W through its own origin, half of the poses align that axis with one about which the object looks the same
+    after a part of the turn, the smallest there is. Where it does so too seldom for a gait, it lies across the fingers
+    where its middle is near the fingertips, which may be on its way; with a gait it comes to lie so again and again.
 
     Args:
         task: what is asked.
@@ -94,10 +95,10 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
     middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
-    given, axes = None, np.zeros((0, 3))
+    given, axes, often = None, np.zeros((0, 3)), 0
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-        axes = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
+        axes, often = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
     points, outward = surface.sample(_SPACING_M)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH_M
     samples, normals = points[near], outward[near]
@@ -129,8 +130,9 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         if moving:
             place = (k // 2 % _MET_AT) / (_MET_AT - 1)
             there = _at(build(X, moving), place)
-            X[:3, :3] = X[:3, :3] @ there[:3, :3].T @ X[:3, :3]
-            there = _at(build(X, moving), place)
+            if given is not None and often < FEWEST_PERIODS:
+                X[:3, :3] = X[:3, :3] @ there[:3, :3].T @ X[:3, :3]
+                there = _at(build(X, moving), place)
             X[:3, 3] += middle - (there[:3, :3] @ surface.centre + there[:3, 3])
         lies = laid(clearance, outward, X)
         if lies is None:
@@ -170,10 +172,10 @@ def _rounded(X_WO: np.ndarray, clearance: Clearance) -> Pose:
     return as_pose(X_WO, 0 if clearance.table is None else 4)
 
 
-def _looking_alike(surface: Surface, angle: float) -> np.ndarray:
-    """(k, 3) axes of O about which the object looks the same most often in a turn by `angle`, rad."""
+def _looking_alike(surface: Surface, angle: float) -> tuple[np.ndarray, int]:
+    """(k, 3) axes of O about which the object looks the same most often in a turn by `angle`, rad; and how often."""
     often = [next(counts(surface, e, surface.centre, max(angle, 2 * SHORTEST_PERIOD_RAD)), 0) for e in np.eye(3)]
-    return np.eye(3)[[n == max(often) > 0 for n in often]]
+    return np.eye(3)[[n == max(often) > 0 for n in often]], max(often)
 
 
 def palms(hand: Hand) -> list[Vector]:
