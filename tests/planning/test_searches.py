@@ -15,7 +15,7 @@ from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.problem import Problem
-from drake_hand.planning.turns import FARTHER_SHARE, SLICE_EXPANSIONS, Attempt, in_turn
+from drake_hand.planning.turns import Attempt
 from drake_hand.plans.task import Grasp, Options, Step
 from tests.planning.small import move, task, turn
 
@@ -323,70 +323,6 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
     assert list(searches.from_grasps(problem_of(None), [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
     assert [x.task for x in begun if not x.search.period] == [2, 5, 4]
-
-
-class _Search:
-    """One that has got to some share of its goal from the start, and from there so much farther in each turn."""
-
-    exhausted = False
-
-    def __init__(self, goal_fraction: float, gain: float = 0.0, period: object = None) -> None:
-        self.goal_fraction, self.gain, self.period, self.expansions = goal_fraction, gain, period, 0
-
-    def run(self, budget: int, deadline: float) -> None:
-        self.expansions += budget
-        self.goal_fraction = min(1.0, self.goal_fraction + self.gain)
-
-
-def begun(*searches: _Search) -> list[Attempt]:
-    return [Attempt(task=None, builder=None, search=x) for x in searches]
-
-
-def spent(some: list[Attempt], rounds: int) -> list[int]:
-    """States that each has expanded after so many rounds."""
-    turns = in_turn(some, [], iter(()), lambda: False, np.inf)
-    for _ in range(rounds):
-        next(turns)
-    return [x.search.expansions for x in some]
-
-
-@pytest.mark.parametrize("period", [None, "one"])
-def test_every_search_begins_before_any_goes_on_and_then_the_farther_one_gets_more(period):
-    some = begun(*(_Search(share, period=period) for share in (0.9, 0.2, 0.5, 0.2)))
-    assert spent(some, 2) == [SLICE_EXPANSIONS] * 4
-    far, near, middle, also = spent(some, 30)
-    assert far > middle > 1.7 * near
-    assert min(near, also) > SLICE_EXPANSIONS, "none is forgotten"
-
-
-def test_a_search_that_still_gets_farther_goes_on_and_one_that_has_stalled_waits():
-    rest = _Search(0.3), _Search(0.3), _Search(0.3)
-    grows, *_ = spent(begun(_Search(0.2, gain=0.03), *rest), 22)
-    assert grows >= 19 * SLICE_EXPANSIONS
-    creeps, *_ = spent(begun(_Search(0.2, gain=FARTHER_SHARE / 40), *rest), 22)
-    assert creeps < 15 * SLICE_EXPANSIONS, "by so little none gets anywhere"
-
-
-def test_a_search_that_is_to_come_back_is_not_taken_to_have_stalled_where_its_period_ends():
-    """Only how far it got counts, not when."""
-    back, free = spent(begun(_Search(1.0, period="one"), _Search(0.9)), 2)
-    assert back == free == 2 * SLICE_EXPANSIONS
-    some = begun(_Search(1.0, period="one"), _Search(0.5), _Search(0.5))
-    assert spent(some, 30)[0] >= 29 * SLICE_EXPANSIONS, "though it got no farther, and others have their turn as well"
-
-
-def test_a_further_start_joins_after_each_round_in_which_one_got_no_farther_and_has_its_turn():
-    some, (late,) = begun(_Search(0.9), _Search(0.8)), begun(_Search(0.1))
-    rounds = in_turn(some, [], iter([None, late]), lambda: False, np.inf)
-    for _ in range(4):
-        next(rounds)
-    assert some[2:] == [late]
-    assert late.search.expansions == SLICE_EXPANSIONS
-    some = begun(_Search(0.0, gain=0.1), _Search(0.0, gain=0.1))
-    rounds = in_turn(some, [], iter([late]), lambda: False, np.inf)
-    for _ in range(3):
-        next(rounds)
-    assert len(some) == 2, "all of them still get farther"
 
 
 def test_what_follows_a_hand_over_is_looked_for_from_both_ends_too(monkeypatch):
