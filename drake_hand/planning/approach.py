@@ -7,14 +7,15 @@ Letting go, a finger that cannot lift off along its normal leans aside; by then 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from drake_hand.planning.collision import Clearance
+from drake_hand.planning.kernels import free
 from drake_hand.planning.legs import LegBuilder
+from drake_hand.planning.state import by_finger
 from drake_hand.planning.transit import (
     LIFTS_M,
     MOVING_CLEARANCE_M,
@@ -119,7 +120,7 @@ def _lifts(
 
     Contacts are postures (m,), and directions (d, 3) of which the first that is clear is taken.
     """
-    around = Surroundings(clearance=clearance, X_WO=X_WO)
+    around = Surroundings.of(clearance, q, X_WO)
     for height in (LIFTS_M[1], LIFTS_M[2], LIFTS_M[0]):
         up = {}
         for i, (at, directions) in contacts.items():
@@ -133,14 +134,12 @@ def _lifts(
 
 def _together(clearance: Clearance, q: np.ndarray, ways: dict[int, np.ndarray], X_WO: np.ndarray, *, tip: bool) -> bool:
     """Whether fingers that move at once along paths (n, m), the others at rest at q (nq,), are clear of everything."""
-    fingers = clearance.hand.fingers
-    centres = {i: clearance.centres(i, ways.get(i, q[None, f.columns])) for i, f in enumerate(fingers)}
-    if any((clearance.to_palm(i, centres[i]) < MOVING_CLEARANCE_M).any() for i in ways):
-        return False
-    if any((clearance.to_object(i, centres[i], X_WO, tip=tip) < MOVING_CLEARANCE_M).any() for i in ways):
-        return False
-    return all(
-        (clearance.between(i, centres[i], j, centres[j]) >= MOVING_CLEARANCE_M).all()
-        for i, j in itertools.combinations(centres, 2)
-        if i in ways or j in ways
-    )
+    rows = np.repeat(q[None], max(len(way) for way in ways.values()), axis=0)
+    for i, way in ways.items():
+        rows[:, clearance.hand.fingers[i].columns] = way
+    hands = np.stack([by_finger(clearance.hand, row) for row in rows])
+    moving = np.isin(np.arange(hands.shape[1]), list(ways))
+    able = np.zeros(1, dtype=bool)
+    X = np.ascontiguousarray(X_WO[:3])
+    free.go_at_once(clearance.world, X, hands, moving, tip, MOVING_CLEARANCE_M, able)
+    return bool(able[0])

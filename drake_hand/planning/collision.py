@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,7 +20,9 @@ from drake_hand.model.scene import Scene
 from drake_hand.model.table import Table, feet
 from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.hulls import Hulls, least_gaps
+from drake_hand.planning.kernels.world import World
 from drake_hand.planning.link_shapes import LinkShapes, keeps_off, link_shapes, standing
+from drake_hand.planning.world import world
 
 CLEARANCE_M = 8.0e-4
 """Least clearance of anything that should not touch, m: what may be lost between the instants that are looked at."""
@@ -37,8 +40,6 @@ class Postures:
 
     q: np.ndarray
     """(G, m) rad."""
-    centres: np.ndarray
-    """(G, any, 3) where its spheres are."""
     cell: np.ndarray
     """(m,) spacing of the grid, rad."""
     neighbours: np.ndarray
@@ -111,6 +112,11 @@ class Clearance:
         """The object's shapes in O, and those that do not move in W, as hulls."""
         self._postures: dict[int, Postures] = {}
 
+    @cached_property
+    def world(self) -> World:
+        """The same for compiled code, where contacts roll."""
+        return world(self, CLEARANCE_M)
+
     def links(self, i: int) -> LinkShapes:
         """What there is of finger i."""
         return self._links[i]
@@ -122,11 +128,9 @@ class Clearance:
             n = _GRID.get(len(kin.lower), 5)
             ticks = [np.linspace(lo, hi, n) for lo, hi in zip(kin.lower, kin.upper, strict=True)]
             q = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
-            centres = self.centres(i, q)
-            free = self.to_palm(i, centres) >= 0
-            q, centres, cell = q[free], centres[free], (kin.upper - kin.lower) / (n - 1)
+            q, cell = q[self.to_palm(i, self.centres(i, q)) >= 0], (kin.upper - kin.lower) / (n - 1)
             neighbours = cKDTree(q / cell).query_pairs(1.8, output_type="ndarray")
-            self._postures[i] = Postures(q=q, centres=centres, cell=cell, neighbours=neighbours)
+            self._postures[i] = Postures(q=q, cell=cell, neighbours=neighbours)
         return self._postures[i]
 
     def centres(self, i: int, q: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.moves import Moves, OffsetBounds
 from drake_hand.planning.object_path import ObjectPath, build, pose, still
 from drake_hand.planning.on_table import check_start
-from drake_hand.planning.world import Grid, load_on_hand, world
+from drake_hand.planning.world import Grid, load_on_hand
 from drake_hand.plans.progress import Progress
 from drake_hand.plans.task import Pose, Step, Task
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
@@ -70,7 +70,7 @@ class Problem:
             object=object_,
             scene=scene,
             clearance=clearance,
-            world=world(clearance, pivot=task.options.model == "pivot"),
+            world=clearance.world._replace(pivot=task.options.model == "pivot"),
             grid=Grid.of(clearance),
             progress=progress,
             started=started,

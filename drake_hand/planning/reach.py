@@ -18,7 +18,7 @@ from drake_hand.planning.kernels.holds import held_along
 from drake_hand.planning.kernels.world import END, END_WORDS, OBJECT
 from drake_hand.planning.object_path import ObjectPath
 from drake_hand.planning.transit import LIFTS_M
-from drake_hand.planning.world import seeds, split, world
+from drake_hand.planning.world import seeds, split
 
 SPAN_SPACING_M, MOST_SPANS = 5.0e-3, 800
 """Grid of contacts on the surface, m; coarser where that gives more than so many."""
@@ -64,7 +64,7 @@ class ReachTable:
             parked: joint angles (m,) of fingers that stay where they are, by index; spans keep clear of them.
         """
         self.clearance, self.path = clearance, path
-        self.world = world(clearance, pivot=model == "pivot")
+        self.world = clearance.world._replace(pivot=model == "pivot")
         n, m = self.world.chains.lower.shape
         self._waiting, self._waits = np.zeros((n, m)), np.zeros(n, dtype=bool)
         for j, q in (parked or {}).items():

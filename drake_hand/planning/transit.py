@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from drake_hand.contact.chain import cross, solve_least_squares
+from drake_hand.contact.chain import cross
 from drake_hand.planning.collision import CLEARANCE_M, Clearance
-from drake_hand.planning.kernels.transit import LIFT_JUMP_RAD, LIFT_KNOTS
+from drake_hand.planning.kernels import free
+from drake_hand.planning.kernels.transit import LIFT_KNOTS
+from drake_hand.planning.state import by_finger
 
 MOVING_CLEARANCE_M = CLEARANCE_M / 2
 """Least clearance along a path, m."""
@@ -39,29 +42,45 @@ class Surroundings:
 
     clearance: Clearance
     X_WO: np.ndarray
-    """(4, 4)."""
-    others: tuple[tuple[int, np.ndarray], ...] = ()
-    """(finger index, sphere centres (1, any, 3)) of the fingers at rest."""
+    """(3, 4)."""
+    q: np.ndarray
+    """(n, m) postures by finger, rad."""
+    standing: np.ndarray
+    """(n,) bool: the fingers to keep clear of."""
 
     @classmethod
-    def of(cls, clearance: Clearance, q: np.ndarray, X_WO: np.ndarray, moving: int) -> Surroundings:
-        """All fingers but one at rest at q (nq,)."""
-        others = tuple(
-            (j, clearance.centres(j, q[None, f.columns])) for j, f in enumerate(clearance.hand.fingers) if j != moving
-        )
-        return cls(clearance=clearance, X_WO=X_WO, others=others)
+    def of(cls, clearance: Clearance, q: np.ndarray, X_WO: np.ndarray, moving: int | None = None) -> Surroundings:
+        """All fingers but one at rest at q (nq,), the object at X_WO (4, 4); no finger to keep clear of if none is."""
+        hand = clearance.hand
+        standing = np.array([moving is not None and i != moving for i in range(len(hand.fingers))])
+        X = np.ascontiguousarray(X_WO[:3])
+        return cls(clearance=clearance, X_WO=X, q=by_finger(hand, q), standing=standing)
 
-    def clear(self, i: int, q: np.ndarray, *, tip: bool) -> np.ndarray:
-        """(N,) least clearance of finger i at q (N, m) from everything, the tip's from the object only if `tip`."""
-        centres = self.clearance.centres(i, q)
-        return np.minimum(self.clearance.to_palm(i, centres), self.beside_palm(i, centres, tip=tip))
+    def clear(self, i: int, q: np.ndarray, least: float) -> np.ndarray:
+        """(N,) whether finger i, its tip too, is clear of everything by so much, m, at q (N, m)."""
+        out = np.zeros(len(q), dtype=bool)
+        free.clear_at(*self._around(i), self._padded(q), least, out)
+        return out
 
-    def beside_palm(self, i: int, centres: np.ndarray, *, tip: bool) -> np.ndarray:
-        """As :meth:`clear`, from sphere centres (N, any, 3), the palm left out."""
-        least = self.clearance.to_object(i, centres, self.X_WO, tip=tip)
-        for j, other in self.others:
-            least = np.minimum(least, self.clearance.between(i, centres, j, other))
-        return least
+    def lifts(self, i: int, q: np.ndarray, rises: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Paths (N, LIFT_KNOTS, m) of finger i off contacts at q (N, m) by rises (N, 3), and which (N,) are clear."""
+        able, ways = np.zeros(len(q), dtype=bool), np.zeros((len(q), LIFT_KNOTS, self.q.shape[1]))
+        free.lifts(*self._around(i), self._padded(q), np.ascontiguousarray(rises), ways, able)
+        return ways[..., : q.shape[1]], able
+
+    def straight(self, i: int, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether finger i is clear all along the straight path from a to b (m,) in joint space."""
+        able, ends = np.zeros(1, dtype=bool), self._padded(np.stack([a, b]))
+        free.goes_straight(*self._around(i), *ends, TRAVEL_STEP_RAD, able)
+        return bool(able[0])
+
+    def _around(self, i: int) -> tuple[Any, ...]:
+        return self.clearance.world, i, self.X_WO, self.q, self.standing
+
+    def _padded(self, q: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(q), self.q.shape[1]))
+        out[:, : q.shape[1]] = q
+        return out
 
 
 def leaning(n_W: np.ndarray) -> np.ndarray:
@@ -79,32 +98,18 @@ def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: fl
     Returns:
         (N, LIFT_KNOTS, m) paths, and whether each is clear (N,).
     """
-    kin, (N, m) = s.clearance.kinematics[i], q.shape
-    p, _, J, _ = kin.jacobian(q)
-    heights = np.linspace(0, height, LIFT_KNOTS)[1:, None]
-    guess = q[:, None] + heights * solve_least_squares(J, n_W, damping=1e-3)[:, None]
-    up, residual = kin.ik((p[:, None] + heights * n_W[:, None]).reshape(-1, 3), guess.reshape(-1, m))
-    way = np.concatenate([q[:, None], up.reshape(N, LIFT_KNOTS - 1, m)], axis=1)
-    jump = np.abs(np.diff(way, axis=1)).max(axis=(1, 2))
-    able = np.logical_and(residual.reshape(N, LIFT_KNOTS - 1).max(axis=1) < 2e-5, jump < LIFT_JUMP_RAD)
-    rows = np.flatnonzero(able)
-    along = s.clear(i, way[rows].reshape(-1, m), tip=False).reshape(len(rows), LIFT_KNOTS)
-    able[rows] = (along >= MOVING_CLEARANCE_M).all(axis=1)
-    rows = np.flatnonzero(able)
-    able[rows] = s.clear(i, way[rows, -1], tip=True) >= CLEARANCE_M
-    return way, able
+    return s.lifts(i, q, height * n_W)
 
 
 def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Straight path in joint space from a to b (m,), or None where something is in the way."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / TRAVEL_STEP_RAD)) + 1)
-    way = a + np.linspace(0, 1, n)[:, None] * (b - a)
-    return way if (s.clear(i, way, tip=True) >= MOVING_CLEARANCE_M).all() else None
+    return a + np.linspace(0, 1, n)[:, None] * (b - a) if s.straight(i, a, b) else None
 
 
 def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:
     """Path of a free finger from a to b (m,) as straight pieces (n, m): one if that is clear, or a :func:`detour`."""
-    if (s.clear(i, np.stack([a, b]), tip=True) < MOVING_CLEARANCE_M).any():
+    if not s.clear(i, np.stack([a, b]), MOVING_CLEARANCE_M).all():
         return None
     direct = straight_path(s, i, a, b)
     return [direct] if direct is not None else detour(s, i, a, b)
@@ -147,7 +152,7 @@ def detour(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.nda
 def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
     """Nodes (row 0 is a, row 1 is b) and their distances: grid neighbours, and both ends to what is near."""
     grid = s.clearance.postures(i)
-    clear = s.beside_palm(i, grid.centres, tip=True) >= CLEARANCE_M
+    clear = s.clear(i, grid.q, CLEARANCE_M)
     nodes = np.vstack([a, b, grid.q[clear]])
     row = np.cumsum(clear) + 1
     pairs = row[grid.neighbours[clear[grid.neighbours].all(axis=1)]]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from drake_hand.contact.kernels.geometry import solid
 from drake_hand.contact.kernels.rolling import Chains
 from drake_hand.contact.kernels.rolling import chains as chains_of
 from drake_hand.model.object import Geometry
-from drake_hand.planning.collision import CLEARANCE_M, Clearance
 from drake_hand.planning.holding import Equilibrium
 from drake_hand.planning.kernels import world as kernels
 from drake_hand.planning.kernels.hulls import Hulls
+
+if TYPE_CHECKING:
+    from drake_hand.planning.collision import Clearance
 
 T = TypeVar("T")
 EDGE_M = 1.0e-3
@@ -41,13 +43,8 @@ POLYHEDRON_SUBSTEPS = 3
 """Rolling steps between two poses on polyhedra, where contacts move in jerks."""
 
 
-def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
-    """The arrays of a scene.
-
-    Args:
-        clearance: of the scene.
-        pivot: the paper's contact model instead of rolling.
-    """
+def world(clearance: Clearance, least: float) -> kernels.World:
+    """The arrays of a scene, in which contacts roll and what should not touch keeps so far apart, m."""
     chains = chains_of(clearance.kinematics)
     nowhere = Geometry(kind="sphere", X_OG=_far(), size=(0.0,))
     still = clearance.still_shapes or (nowhere,)
@@ -61,9 +58,9 @@ def world(clearance: Clearance, *, pivot: bool) -> kernels.World:
         table=_table(clearance),
         cover=_cover(clearance, chains),
         p_OCom=np.array(clearance.p_OCom, dtype=float, order="C"),
-        clearance=CLEARANCE_M,
+        clearance=least,
         edge=EDGE_M,
-        pivot=pivot,
+        pivot=False,
         substeps=POLYHEDRON_SUBSTEPS if polyhedral else 1,
     )
 

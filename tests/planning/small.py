@@ -23,7 +23,8 @@ from drake_hand.planning.object_path import ObjectPath, build, pose
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ContactSpan, ReachTable
 from drake_hand.planning.state import Node, by_finger
-from drake_hand.planning.world import Grid, load_on_hand, world
+from drake_hand.planning.transit import Surroundings
+from drake_hand.planning.world import Grid, load_on_hand
 from drake_hand.plans.task import Grasp, Options, Physics, Pose, Rotate, Step, Task, Translate
 
 UP = {"kanguera": (-9.81, 0.0, 0.0), "quartet": (-9.81, 0.0, 0.0), "trio": (0.0, 0.0, -9.81)}
@@ -100,7 +101,7 @@ def moves(hand: str, object_: str, way: ObjectPath, holding: Equilibrium | int |
 @cache
 def _world(hand: str, object_: str) -> tuple[World, Grid]:
     c = clearance(hand, object_)
-    return world(c, pivot=False), Grid.of(c)
+    return c.world, Grid.of(c)
 
 
 def waiting(hand: str) -> np.ndarray:
@@ -176,6 +177,19 @@ def contact(reach: ReachTable, i: int, p_OP: tuple[float, float, float]) -> Cont
     hold = reach.from_contact(i, 0, q[0])
     assert hold is not None, "does not last"
     return hold
+
+
+def gap_around(s: Surroundings, i: int, q: np.ndarray, *, tip: bool) -> np.ndarray:
+    """(N,) least distance of finger i at q (N, m) from what is around it; the tip's from the object only if asked."""
+    c, hand = s.clearance, s.clearance.hand
+    centres = c.centres(i, q)
+    least = np.minimum(
+        c.to_palm(i, centres), c.to_object(i, centres, np.vstack([s.X_WO, [0.0, 0.0, 0.0, 1.0]]), tip=tip)
+    )
+    for j in np.flatnonzero(s.standing):
+        other = c.centres(j, s.q[j : j + 1, : len(hand.fingers[j].columns)])
+        least = np.minimum(least, c.between(i, centres, j, other))
+    return least
 
 
 def touch(reach: ReachTable, hold: ContactSpan) -> approach.PlannedContact:

@@ -131,7 +131,7 @@ def test_a_finger_that_cannot_lift_off_along_its_normal_leans_aside(pencil):
     foot, n_O, _ = c.surface.closest(np.array([[-0.0069, -0.0041, 0.0033]]))
     q, residual = c.kinematics[0].ik((foot + finger.radius * n_O) @ X[:3, :3].T + X[:3, 3])
     assert residual[0] < 1e-6
-    n_W, around = X[:3, :3] @ n_O[0], Surroundings(clearance=c, X_WO=X)
+    n_W, around = X[:3, :3] @ n_O[0], Surroundings.of(c, c.hand.q_home, X)
     assert not any(lift_off(around, 0, q, n_W[None], height)[1][0] for height in LIFTS_M)
     builder = waiting(c, X)
     builder.q[finger.columns] = q[0]

@@ -24,7 +24,6 @@ from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.hulls import Hulls, least_gaps
 from drake_hand.planning.kernels.world import scratch
 from drake_hand.planning.state import by_finger
-from drake_hand.planning.world import world
 
 HANDS = Path(__file__).parents[2] / "urdf" / "hands"
 WEDGE = [[0, 0, 0], [0.03, 0, 0], [0, 0.012, 0], [0, 0, 0.02], [0.03, 0.004, 0.02]]
@@ -122,7 +121,7 @@ def test_clearances_of_boxes_are_true(blocky):
     """Spheres that covered the boxes once said up to 6 mm less: fingertips beside a flat link had no room."""
     scene = Scene(blocky, Object.load("cube"))
     c, rng = Clearance(Scene(blocky, Object.load("cube"))), np.random.default_rng(0)
-    world_, ok, near, verdicts = world(c, pivot=False), np.zeros(1, dtype=bool), 0, set()
+    world_, ok, near, verdicts = c.world, np.zeros(1, dtype=bool), 0, set()
     owner = {link: f.index for f in blocky.fingers for link in f.links}
     cube = scene.object_body.name()
     for _ in range(300):

@@ -16,7 +16,6 @@ from drake_hand.planning.object_path import pose
 from drake_hand.planning.on_table import check_release, check_start, laid
 from drake_hand.planning.start import POSES_OFFERED, close_by, variants
 from drake_hand.planning.state import by_finger
-from drake_hand.planning.world import world
 from drake_hand.plans.task import Grasp, Physics, Pose, Release, Step, Support, Task, Translate
 
 DOWN = (9.81, 0.0, 0.0)
@@ -94,7 +93,7 @@ def test_where_the_start_is_open_the_object_lies_and_so_it_does_beside(name):
     task.validate()
     c = clearance(task)
     check_start(task, c)
-    tasks = variants(task, c, world(c, pivot=False), np.random.default_rng(0))
+    tasks = variants(task, c, c.world, np.random.default_rng(0))
     assert len(tasks) == POSES_OFFERED
     for some in (tasks[0], tasks[-1], close_by(tasks[0], c, np.random.default_rng(0))):
         check_start(some, c)
@@ -141,13 +140,13 @@ def test_fingers_keep_off_the_table():
         ok = np.zeros((2, len(q)), dtype=bool)
         for row, c in zip(ok, (on, off), strict=True):
             poses, touching = np.repeat(far[None], len(q), axis=0), np.zeros((len(q), 5), dtype=bool)
-            clear.clear(world(c, pivot=False), poses, hands, touching, row)
+            clear.clear(c.world, poses, hands, touching, row)
         assert ok[0].any()
         np.testing.assert_array_equal(ok[0], ok[1] & (least >= CLEARANCE_M))
 
 
 def test_the_object_may_touch_the_table_but_not_reach_into_it():
-    w, X = world(clearance(CUBE), pivot=False), np.ascontiguousarray(pose(CUBE.start)[:3])
+    w, X = clearance(CUBE).world, np.ascontiguousarray(pose(CUBE.start)[:3])
     assert clear.object_off_palm(w, X, scratch(w), w.clearance)
     X[0, 3] += 1e-4
     assert not clear.object_off_palm(w, X, scratch(w), w.clearance)
@@ -156,7 +155,7 @@ def test_the_object_may_touch_the_table_but_not_reach_into_it():
 
 
 def test_without_a_table_nothing_is_below():
-    w = world(Clearance(scene("kanguera", "cube")), pivot=False)
+    w = Clearance(scene("kanguera", "cube")).world
     X = np.hstack([np.eye(3), [[1.0], [0.0], [0.0]]])
     assert clear.object_off_palm(w, X, scratch(w), w.clearance)
 

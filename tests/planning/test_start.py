@@ -16,7 +16,6 @@ from drake_hand.planning.collision import Clearance
 from drake_hand.planning.object_path import as_pose
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.start import MOST_LEAN_RAD, POSES_OFFERED, _across, close_by, palms, variants
-from drake_hand.planning.world import world
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Grasp, Options, Physics, Push, Rotate, Step, Task, Translate
 from tests.verify.held import held_plan
@@ -28,7 +27,7 @@ def clearance():
 
 
 def starts(task: Task, clearance: Clearance, seed: int = 0) -> list[Task]:
-    return variants(task, clearance, world(clearance, pivot=False), np.random.default_rng(seed))
+    return variants(task, clearance, clearance.world, np.random.default_rng(seed))
 
 
 def spin(**changes) -> Task:

@@ -15,7 +15,7 @@ from drake_hand.planning.transit import (
     straight_path,
     travel,
 )
-from tests.planning.small import clearance, contact, path, table, turn
+from tests.planning.small import clearance, contact, gap_around, path, table, turn
 
 HEIGHT = 15e-3
 """m."""
@@ -28,9 +28,10 @@ def pencil():
 
 def around(reach, *others: tuple[int, np.ndarray]) -> Surroundings:
     """The object where it starts and some fingers at rest at joints (m,)."""
-    c = reach.clearance
-    placed = tuple((j, c.centres(j, q[None])) for j, q in others)
-    return Surroundings(clearance=c, X_WO=reach.path.X_WO[0], others=placed)
+    s = Surroundings.of(reach.clearance, reach.clearance.hand.q_home, reach.path.X_WO[0])
+    for j, q in others:
+        s.q[j, : len(q)], s.standing[j] = q, True
+    return s
 
 
 def test_a_lift_goes_straight_up_the_normal(pencil):
@@ -52,8 +53,8 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
     for other, fine in ((apart, True), (beside, False)):
         s = around(pencil, (1, other.q[0]))
         ways, able = lift_off(s, 0, mine.q[:1], mine.n_W[:1], HEIGHT)
-        assert s.clear(0, ways[0, -1:], tip=True)[0] >= CLEARANCE_M, "its end is clear in any case"
-        assert (s.clear(0, ways[0], tip=False).min() >= MOVING_CLEARANCE_M) == fine
+        assert gap_around(s, 0, ways[0, -1:], tip=True)[0] >= CLEARANCE_M, "its end is clear in any case"
+        assert (gap_around(s, 0, ways[0], tip=False).min() >= MOVING_CLEARANCE_M) == fine
         assert able[0] == fine
 
 
@@ -64,18 +65,17 @@ def test_every_lift_promised_is_clear_all_along_and_at_its_end(pencil):
     ways, able = lift_off(s, 0, q, n_W, HEIGHT)
     assert 0 < able.sum() < len(mine)
     for way in ways[able]:
-        assert s.clear(0, way, tip=False).min() >= MOVING_CLEARANCE_M
-        assert s.clear(0, way[-1:], tip=True)[0] >= CLEARANCE_M
+        assert gap_around(s, 0, way, tip=False).min() >= MOVING_CLEARANCE_M
+        assert gap_around(s, 0, way[-1:], tip=True)[0] >= CLEARANCE_M
 
 
 @pytest.fixture(scope="module")
 def across():
     """Postures of the quartet's first finger over a pencil and under it, and what is around them."""
     c = clearance("quartet", "pencil_r8")
-    s = Surroundings(clearance=c, X_WO=path("quartet", turn(2.5)).X_WO[0])
+    s = Surroundings.of(c, c.hand.q_home, path("quartet", turn(2.5)).X_WO[0])
     kin, grid = c.kinematics[0], c.postures(0)
-    clear = s.beside_palm(0, grid.centres, tip=True) >= CLEARANCE_M
-    q = grid.q[clear]
+    q = grid.q[gap_around(s, 0, grid.q, tip=True) >= CLEARANCE_M]
     p_WC = kin.fk(q)[0]
     above, below = (int(np.argmax(sign * p_WC[:, 0] - 3 * np.abs(p_WC[:, 1]))) for sign in (1.0, -1.0))
     return s, q[above], q[below]
@@ -83,7 +83,7 @@ def across():
 
 def test_the_straight_way_through_the_object_is_none(across):
     s, a, b = across
-    assert s.clear(0, np.stack([a, b]), tip=True).min() >= CLEARANCE_M
+    assert gap_around(s, 0, np.stack([a, b]), tip=True).min() >= CLEARANCE_M
     assert straight_path(s, 0, a, b) is None
     near = a + 0.01
     way = straight_path(s, 0, a, near)
@@ -103,7 +103,7 @@ def test_a_way_round_the_object_is_found_and_clear(across, find):
         u = np.linspace(0, 1, 50)[:, None]
         fine = piece[0] + u * (piece[-1] - piece[0])
         np.testing.assert_allclose(np.diff(piece, axis=0), np.tile(np.diff(piece[:2], axis=0), (len(piece) - 1, 1)))
-        assert s.clear(0, fine, tip=True).min() > 0.0
+        assert gap_around(s, 0, fine, tip=True).min() > 0.0
 
 
 def test_there_is_no_way_from_inside_the_object(across, pencil):

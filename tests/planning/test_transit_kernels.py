@@ -15,6 +15,7 @@ from drake_hand.plans.tolerances import TOLERANCES
 from tests.planning.small import (
     clearance,
     contact,
+    gap_around,
     moves,
     path,
     table,
@@ -101,7 +102,7 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
                 lifted, landed = bool(before.touching[f]), bool(after.touching[f])
                 for k, piece in enumerate(pieces):
                     at_contact = (k == 0 and lifted) or (k == len(pieces) - 1 and landed)
-                    assert around.clear(f, piece, tip=not at_contact).min() >= MOVING_CLEARANCE_M - 1e-9
+                    assert gap_around(around, f, piece, tip=not at_contact).min() >= MOVING_CLEARANCE_M - 1e-9
                 for one, two in itertools.pairwise(pieces):
                     np.testing.assert_allclose(one[-1], two[0], atol=1e-12)
                 checked += 1
