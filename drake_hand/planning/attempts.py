@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -24,14 +24,17 @@ from drake_hand.planning.problem import Problem
 from drake_hand.planning.reach import ReachTable
 from drake_hand.planning.search import Search
 from drake_hand.planning.state import Node, by_finger
-from drake_hand.planning.turns import Attempt
+from drake_hand.planning.turns import Attempt, Offer
+from drake_hand.planning.world import at_once
 from drake_hand.plans.task import Grasp, Step, Task
 
 STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 """Start poses tried beside the one from which a grasp lasts longest, since one of them was better; tried where a grasp
 lasts for this share of the motion."""
-OFFERED_A_ROUND = 4
-"""Start poses offered that are tried between two rounds of searches; beside others one is."""
+BESIDE_AT_ONCE = 2
+"""Of them, so many are beside the same one."""
+OFFERED_A_ROUND = 2
+"""Start poses offered that are tried beside a round of searches; beside others one is."""
 STALLED_EXPANSIONS = 40
 """States that the search which got farthest expands without getting any farther, before starts beside its are tried."""
 PROMISING_STARTS = 6
@@ -47,7 +50,8 @@ def from_start(
 ) -> Attempt:
     """The search that begins with a grasp; the builder's free fingers are sent where they wait."""
     path = problem.path(builder.X_WO, moving)
-    grasp.check_palm(problem.scene, problem.clearance, path)
+    with problem.scene_free:
+        grasp.check_palm(problem.scene, problem.clearance, path)
     named = named_fingers(problem, wanted)
     steps.settle(
         builder, problem.clearance, park(problem.clearance, still(builder.X_WO), range(len(problem.hand.fingers)))
@@ -156,7 +160,7 @@ def starts_beside(
 ) -> list[Attempt]:
     """Searches that begin beside the start whose grasps last longest, where none lasts to the end but some nearly do.
 
-    Each step is taken from the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
+    Each few are beside the best so far; that spares a regrasp, for which a hand of few fingers may have none free.
     """
     best = lasts_longest(free)
     if best is None:
@@ -165,14 +169,35 @@ def starts_beside(
     rng = np.random.default_rng(problem.task.options.seed)
     tried = 0
     while tried < STARTS_BESIDE and not best.search.straight and time.monotonic() < problem.deadline:
-        task, tried = start.close_by(best.task, problem.clearance, rng), tried + 1
-        try:
-            found.append(from_start(problem, task, problem.builder(task), wanted, moving, then))
-        except NoPlanFound:
-            continue
-        if found[-1].search.straight or found[-1].search.lasting > best.search.lasting:
-            best, tried = found[-1], 0
+        tasks = [start.close_by(best.task, problem.clearance, rng) for _ in range(BESIDE_AT_ONCE)]
+        tried += len(tasks)
+        for x in from_starts(problem, tasks, wanted, moving, then):
+            if isinstance(x, NoPlanFound):
+                continue
+            found.append(x)
+            if x.search.straight or x.search.lasting > best.search.lasting:
+                best, tried = x, 0
     return found
+
+
+def from_starts(
+    problem: Problem,
+    tasks: list[Task],
+    wanted: Grasp,
+    moving: list[Step],
+    then: list[Grasp],
+    begun: LegBuilder | None = None,
+) -> list[Attempt | NoPlanFound]:
+    """Searches that begin with a grasp from some starts, prepared side by side; why not, where there is no grasp."""
+
+    def prepared(task: Task) -> Attempt | NoPlanFound:
+        try:
+            builder = begun.copy() if begun else problem.builder(task)
+            return from_start(problem, task, builder, wanted, moving, then)
+        except NoPlanFound as e:
+            return e
+
+    return at_once([partial(prepared, task) for task in tasks])
 
 
 def further_starts(
@@ -184,8 +209,8 @@ def further_starts(
     then: list[Grasp],
     *,
     gaits: bool,
-) -> Iterator[Attempt | None]:
-    """Searches from further starts, one or none a round: some of those offered, and one beside the best.
+) -> Iterator[Offer]:
+    """Searches from further starts: a few of those offered, and one beside the best.
 
     A start that is offered joins if it is among the most promising so far, or if a grasp lasts to the end from it or
     there is a gait. The best is the one whose search got farthest, where that has stalled: what is beside it joins in
@@ -198,36 +223,44 @@ def further_starts(
     turned = bool(free) and _turned(problem, free[0]) is not None
     known = list(free)
 
-    def begun(task: Task, *, joins: bool) -> Attempt | None:
+    def begun(task: Task) -> Attempt | None:
+        (x,) = from_starts(problem, [task], wanted, moving, then)
+        if isinstance(x, NoPlanFound):
+            return None
+        if turned and (end := gait_of(problem, x, wanted)) is not None:
+            x.gait = end
+            x.search.moves.evaluate([end])
+            x.search.begin([end])
+        return x
+
+    def joins(x: Attempt) -> bool:
         nonlocal lasting, staying, promises
-        try:
-            with problem.stage("grasp"):
-                found = from_start(problem, task, problem.builder(task), wanted, moving, then)
-        except NoPlanFound:
-            return None
-        if lasting is not None and found.search.lasting > lasting.search.lasting:
-            lasting = found
-        if staying is not None and found.promise > staying.promise:
-            staying = found
-        promising = len(promises) < PROMISING_STARTS or found.promise > promises[0]
-        if turned and (end := gait_of(problem, found, wanted)) is not None:
-            found, joins = replace(found, gait=end), True
-            found.search.moves.evaluate([end])
-            found.search.begin([end])
-        if not (joins or promising or found.search.straight):
-            return None
-        promises = sorted([*promises, found.promise])[-PROMISING_STARTS:]
-        known.append(found)
-        return found
+        if lasting is not None and x.search.lasting > lasting.search.lasting:
+            lasting = x
+        if staying is not None and x.promise > staying.promise:
+            staying = x
+        promising = len(promises) < PROMISING_STARTS or x.promise > promises[0]
+        if not (promising or x.gait is not None or x.search.straight):
+            return False
+        promises = sorted([*promises, x.promise])[-PROMISING_STARTS:]
+        return True
 
     for k in itertools.count():
-        offered = (begun(task, joins=False) for task in itertools.islice(tasks, OFFERED_A_ROUND))
-        yield from (x for x in offered if x is not None)
+        some = list(itertools.islice(tasks, OFFERED_A_ROUND))
         farthest = None if gaits else _stalled(known)
-        some = [x for x in (farthest, staying, farthest, lasting) if x is not None]
-        best = some[k % len(some)] if some else None
-        beside = start.close_by(best.task, problem.clearance, rng) if best else None
-        yield begun(beside, joins=best is farthest) if beside else None
+        best = [x for x in (farthest, staying, farthest, lasting) if x is not None]
+        if best:
+            some.append(start.close_by(best[k % len(best)].task, problem.clearance, rng))
+        elif not some:
+            return
+        sure = len(some) - 1 if best and best[k % len(best)] is farthest else len(some)
+
+        def joining(found: list[Attempt | None], sure: int = sure) -> list[Attempt]:
+            out = [x for i, x in enumerate(found) if x is not None and (joins(x) or i >= sure)]
+            known.extend(out)
+            return out
+
+        yield Offer(calls=[partial(begun, task) for task in some], joining=joining)
 
 
 def _stalled(attempts: list[Attempt]) -> Attempt | None:

@@ -83,12 +83,17 @@ class Moves:
             ways, steps = self.look(np.array([x.s for x in states]), np.stack([x.off for x in states]))
             row, finger = np.nonzero(touching)
             rooms[row, finger] = self.rooms(finger, q[row, finger], ways[row], steps[row])
-        for x, room, margin, point, normal in zip(states, rooms, margins, p_OP, n_W, strict=True):
-            x.room, x.margins, x.p_OP, x.n_W = room, margin, point, normal
-            on = room[x.touching]
-            stuck = int(((room < SHORT_ROOM_SHARE) & x.touching & ~x.liftable).sum())
-            x.score = float(on.min(initial=1.0) + on.mean() if len(on) else 0.0)
-            x.score += 0.3 * x.spared + min(float(margin[-1]), hold.COUNTED_MARGIN_N) - 0.5 * stuck - 0.03 * x.regrasps
+        liftable = (margins[:, :-1] >= 0) & touching
+        stuck = ((rooms < SHORT_ROOM_SHARE) & touching & ~liftable).sum(axis=1)
+        score = np.where(touching, rooms, 1.0).min(axis=1)
+        score += np.where(touching, rooms, 0.0).sum(axis=1) / np.maximum(touching.sum(axis=1), 1)
+        score[~touching.any(axis=1)] = 0.0
+        regrasps = np.array([x.regrasps for x in states])
+        counted = np.minimum(margins[:, -1], hold.COUNTED_MARGIN_N)
+        score += 0.3 * liftable.sum(axis=1) + counted - 0.5 * stuck - 0.03 * regrasps
+        for x, *found, worth in zip(states, rooms, margins, p_OP, n_W, score.tolist(), strict=True):
+            x.room, x.margins, x.p_OP, x.n_W = found
+            x.score = worth
 
     def look(self, s: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is ahead of progress s (N,) with offsets (N, 6): paths (N, ROOM_STEPS + 1, 3, 4) and their steps (N,).

@@ -6,6 +6,7 @@ task share what was loaded.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -53,6 +54,8 @@ class Problem:
     grid: Grid
     progress: Callable[[Progress], None]
     started: float
+    scene_free: threading.Lock = field(default_factory=threading.Lock)
+    """The scene answers one question at a time."""
     stages: dict[str, float] = field(default_factory=dict)
     expansions: int = 0
 

@@ -42,6 +42,8 @@ NICHE_PENALTY = 0.15
 """By how much a score is lowered each time a state of its niche was expanded."""
 NICHE_M = 0.012
 """States whose contacts are as near as this share a niche, m."""
+NOWHERE = 999
+"""The cell of a finger that does not touch."""
 BIN_CAPACITY, BIN_KEPT = 300, 200
 """A bin that has more states than the first keeps as many as the second."""
 FINGERS_SWITCHED = 2
@@ -99,13 +101,15 @@ class Search:
         self._add(list(self.starts))
 
     def _add(self, states: list[Node]) -> None:
+        if not states:
+            return
         self._look_beyond(states)
-        for x in states:
-            x.progress = self._progress(x)
+        for x, progress, cells in zip(states, self._progress(states).tolist(), _cells(states), strict=True):
+            x.progress = progress
             if self.farthest is None or x.progress > self.farthest.progress + 1e-9:
                 self.farthest = x
             b = int(x.progress // BIN_TICKS)
-            x.niche = (b, *self._cells(x))
+            x.niche = (b, *cells)
             states_there = self._bins.setdefault(b, [])
             states_there.append(x)
             if len(states_there) > BIN_CAPACITY:
@@ -168,7 +172,9 @@ class Search:
 
         Of equals that with the largest margin: what is pressed lightly is lost when the object is a little off.
         """
-        done = [x for x in states if self._progress(x) >= self.moves.path.ticks - 1e-9]
+        if not states:
+            return None
+        done = list(itertools.compress(states, self._progress(states) >= self.moves.path.ticks - 1e-9))
         self.moves.evaluate([x for x in done if not len(x.n_W)])
         done.sort(key=lambda x: (x.regrasps, not self._firm(x), -self._margin(x)))
         return next(filter(self.can_begin, done), None)
@@ -309,12 +315,13 @@ class Search:
         """Where the starts get to along the nominal path, for as long as that is not yet an answer."""
         return onward(self.moves, list(self.starts))
 
-    def _progress(self, x: Node) -> float:
-        path = self.moves.path
-        stop = path.next_stop(x.s)
-        progress = stop - max(stop - x.s, float(offset_ticks(x.off)))
+    def _progress(self, states: list[Node]) -> np.ndarray:
+        s, stop = np.array([x.s for x in states]), np.array([self.moves.path.next_stop(x.s) for x in states])
+        progress = stop - np.maximum(stop - s, offset_ticks(np.stack([x.off for x in states])))
         if self.wanted is not None:
-            progress -= UNWANTED_TICKS * sum(bool(on) != (f in self.wanted) for f, on in enumerate(x.touching))
+            touching = np.stack([x.touching for x in states])
+            wanted = np.isin(np.arange(touching.shape[1]), sorted(self.wanted))
+            progress -= UNWANTED_TICKS * (touching != wanted).sum(axis=1)
         return progress
 
     def _share(self, x: Node) -> float:
@@ -323,13 +330,6 @@ class Search:
 
     def _rank(self, x: Node) -> float:
         return x.score - NICHE_PENALTY * self._tried[x.niche]
-
-    def _cells(self, x: Node) -> list[int]:
-        """Where the fingers touch, coarsely."""
-        cells: list[int] = []
-        for f, on in enumerate(x.touching):
-            cells += np.round(x.p_OP[f] / NICHE_M).astype(int).tolist() if on else [999]
-        return cells
 
     def _tell(self) -> None:
         best = self.farthest
@@ -347,3 +347,10 @@ class Search:
         """Why there is no plan: the state that got farthest, and what each of its fingers lacks."""
         assert self.farthest is not None, "a search has starts"
         return stuck(self.moves, self.farthest, self._share(self.farthest), self.expansions, status)
+
+
+def _cells(states: list[Node]) -> list[list[int]]:
+    """Where the fingers of each touch, coarsely; which of its fingers do is part of that."""
+    cells = np.round(np.stack([x.p_OP for x in states]) / NICHE_M).astype(int)
+    cells[~np.stack([x.touching for x in states])] = NOWHERE
+    return cells.reshape(len(states), -1).tolist()

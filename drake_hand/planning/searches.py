@@ -6,6 +6,7 @@ are tried before expensive ones: a grasp that lasts for the whole motion, then a
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -17,7 +18,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.planning import grasp
 from drake_hand.planning.attempts import (
     closed,
-    from_start,
+    from_starts,
     further_starts,
     gait_of,
     may_touch,
@@ -38,7 +39,7 @@ from drake_hand.planning.search import Search
 from drake_hand.planning.shorten import shortened
 from drake_hand.planning.state import Node
 from drake_hand.planning.stuck import carried_on
-from drake_hand.planning.turns import Attempt, in_turn
+from drake_hand.planning.turns import Attempt, Joining, Offer, in_turn
 from drake_hand.planning.world import at_once
 from drake_hand.plans.path import Path
 from drake_hand.plans.progress import Progress
@@ -75,15 +76,17 @@ def from_grasps(
     free: list[Attempt] = []
     movable = problem.task.start == "auto" and not begun
     starts = _in_order(problem, tasks, wanted, moving)
-    for k, task in enumerate(starts):
-        builder = begun.copy() if begun else problem.builder(task)
-        try:
-            with problem.stage("grasp"):
-                free.append(from_start(problem, task, builder, wanted, moving, then))
-        except NoPlanFound as e:
-            failures.append(e)
-        problem.progress(Progress(stage="grasp", fraction=max((k + 1) / len(tasks), len(free) / START_POSES)))
-        enough = len(free) == START_POSES or (k + 1 >= FEW_STARTS and any(x.search.straight for x in free))
+    tried = 0
+    while some := list(itertools.islice(starts, FEW_STARTS)):
+        with problem.stage("grasp"):
+            for x in from_starts(problem, some, wanted, moving, then, begun):
+                if isinstance(x, NoPlanFound):
+                    failures.append(x)
+                else:
+                    free.append(x)
+        tried += len(some)
+        problem.progress(Progress(stage="grasp", fraction=max(tried / len(tasks), len(free) / START_POSES)))
+        enough = len(free) >= START_POSES or any(x.search.straight for x in free)
         if enough or time.monotonic() > problem.deadline:
             break
     _most_promising_first(free)
@@ -137,12 +140,19 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
     return Attempt(task=x.task, builder=x.builder, search=search, ease=ease(moves, easiest))
 
 
-def _also_coming_back(problem: Problem, further: Iterator[Attempt | None]) -> Iterator[Attempt | None]:
-    """Each of further searches, and one for a period from the same start, where there can be one."""
-    for x in further:
-        yield x
-        if x is not None and x.gait is None and (back := _coming_back(problem, x)) is not None:
-            yield back
+def _also_coming_back(problem: Problem, further: Iterator[Offer]) -> Iterator[Offer]:
+    """With each of further searches that joins one for a period from the same start, where there can be one."""
+    joined: list[Attempt] = []
+    for offer in further:
+        n, joining = len(offer.calls), offer.joining
+
+        def both(found: list[Attempt | None], n: int = n, joining: Joining = joining) -> list[Attempt]:
+            nonlocal joined
+            new = joining(found[:n])
+            joined = [x for x in new if x.gait is None]
+            return new + [x for x in found[n:] if x is not None]
+
+        yield Offer(calls=[*offer.calls, *(partial(_coming_back, problem, x) for x in joined)], joining=both)
 
 
 def from_contacts(
@@ -183,7 +193,7 @@ def _in_turn(
     problem: Problem,
     attempts: list[Attempt],
     failures: list[NoPlanFound],
-    more: Iterable[Attempt | None] = (),
+    more: Iterable[Offer] = (),
     most: int | None = None,
 ) -> Iterator[tuple[Task, LegBuilder]]:
     """The motions that some searches find in turn, within a number of expansions if one is given."""

@@ -113,8 +113,7 @@ def _transits(moves: Moves, state: Node, finger: int, q: np.ndarray, n_W: np.nda
     """(N, 3) as `transit.transits` finds them."""
     found = np.zeros((len(q), 3), dtype=np.int64)
     stops = moves.grid.stops[finger]
-    landings = np.stack([_rises(n) for n in n_W])
-    transit.transits(*_departure(moves, state, finger), q, landings, stops, TRAVEL_STEP_RAD, found)
+    transit.transits(*_departure(moves, state, finger), q, _rises(n_W), stops, TRAVEL_STEP_RAD, found)
     return found
 
 
@@ -126,8 +125,9 @@ def _departure(moves: Moves, state: Node, finger: int) -> tuple[Any, ...]:
 
 
 def _rises(n_W: np.ndarray) -> np.ndarray:
-    """(D, 3) ways off a contact of outward normal (3,), m: along it, then leaning aside by the least height."""
-    return np.vstack([np.outer(LIFTS_M, n_W), LIFTS_M[0] * leaning(n_W)[1:]])
+    """(..., D, 3) ways off contacts of outward normals (..., 3), m: along them, then leaning by the least height."""
+    upright = np.array(LIFTS_M)[:, None] * n_W[..., None, :]
+    return np.concatenate([upright, LIFTS_M[0] * leaning(n_W)[..., 1:, :]], axis=-2)
 
 
 def direct_switch(moves: Moves, before: Node, after: Node, finger: int) -> FingerSwitch | None:

@@ -84,12 +84,13 @@ class Surroundings:
 
 
 def leaning(n_W: np.ndarray) -> np.ndarray:
-    """(1 + LEANS, 3) unit directions off a contact: its normal (3,), and those that lean from it to each side."""
-    angle = np.linspace(0, 2 * np.pi, LEANS, endpoint=False)
-    across = cross(n_W, np.eye(3)[np.argmin(np.abs(n_W))])
-    across /= np.linalg.norm(across)
-    aside = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), cross(n_W, across))
-    return np.vstack([n_W, np.cos(LEAN_RAD) * n_W + np.sin(LEAN_RAD) * aside])
+    """(..., 1 + LEANS, 3) unit directions off contacts: their normals (..., 3), and those that lean to each side."""
+    angle = np.linspace(0, 2 * np.pi, LEANS, endpoint=False)[:, None]
+    across = cross(n_W, np.eye(3)[np.argmin(np.abs(n_W), axis=-1)])
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    up, one, two = (x[..., None, :] for x in (n_W, across, cross(n_W, across)))
+    aside = np.cos(angle) * one + np.sin(angle) * two
+    return np.concatenate([up, np.cos(LEAN_RAD) * up + np.sin(LEAN_RAD) * aside], axis=-2)
 
 
 def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,10 @@ Which of them works does not depend on the number of cores or on how fast they a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 from drake_hand.errors import NoPlanFound
 from drake_hand.planning.legs import LegBuilder
@@ -89,10 +89,23 @@ class Attempt:
         return cost / (0.3 + self.reached) ** 3
 
 
+Joining = Callable[[list[Attempt | None]], list[Attempt]]
+"""Those of what was prepared that take turns from then on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offer:
+    """Attempts that are prepared while others are at work."""
+
+    calls: Sequence[Callable[[], Attempt | None]]
+    """Prepare one each, side by side; None where there is none."""
+    joining: Joining
+
+
 def in_turn(
     attempts: list[Attempt],
     failures: list[NoPlanFound],
-    further: Iterator[Attempt | None],
+    further: Iterator[Offer],
     out_of_time: Callable[[], bool],
     deadline: float,
 ) -> Iterator[list[tuple[Attempt, Node]]]:
@@ -101,27 +114,30 @@ def in_turn(
     Args:
         attempts: any number.
         failures: of attempts that were not even begun.
-        further: attempts to add, one after each round in which one got no farther; None for none this time.
+        further: attempts to add, some beside each round that follows one in which one got no farther.
         out_of_time: asked before each round.
         deadline: on the monotonic clock.
 
     Raises:
         NoPlanFound: time is up, or nothing was found and nothing is left to try.
     """
-    found = False
+    found = behind = False
     while not out_of_time():
+        offer = next(further, None) if behind else None
         live = sorted((x for x in attempts if not x.search.exhausted), key=lambda x: x.effort)
-        if not live:
+        if not live and offer is None:
             break
         now = live[:SEARCHES_AT_ONCE]
-        ends = at_once([partial(x.run, SLICE_EXPANSIONS, deadline) for x in now])
-        done = [(x, end) for x, end in zip(now, ends, strict=True) if end is not None]
+        runs: list[Callable[[], Any]] = [partial(x.run, SLICE_EXPANSIONS, deadline) for x in now]
+        ends = at_once([*runs, *(offer.calls if offer else ())])
+        if offer is not None:
+            attempts += offer.joining(ends[len(runs) :])
+        done = [(x, end) for x, end in zip(now, ends[: len(runs)], strict=True) if end is not None]
         yield done
         found |= bool(done)
         for x, _ in done:
             x.search.restart()  # what was found did not do, nor would what is much like it
-        if not done and any(x.stalled for x in now) and (another := next(further, None)) is not None:
-            attempts.append(another)
+        behind = not done and any(x.stalled for x in now)
     late = out_of_time()
     if not found or late:
         failures = failures + [x.failure("timeout" if late else "infeasible") for x in attempts]

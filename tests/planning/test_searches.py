@@ -15,7 +15,7 @@ from drake_hand.planning import grasp, searches
 from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.problem import Problem
-from drake_hand.planning.turns import Attempt
+from drake_hand.planning.turns import Attempt, Offer
 from drake_hand.plans.task import Grasp, Options, Step
 from tests.planning.small import move, task, turn
 
@@ -64,7 +64,7 @@ def lasts(margin: float = -np.inf) -> SimpleNamespace:
 
 
 def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
-    """Sixteen starts with a grasp are searched from, however many others came before."""
+    """Sixteen starts with a grasp are searched from, however many others are among them; a few are asked at a time."""
 
     def grasps(problem, task, *_):
         if task % 2:
@@ -72,12 +72,12 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
         return SimpleNamespace(task=task, promise=0.0, search=lasts())
 
     begun = []
-    monkeypatch.setattr(searches, "from_start", grasps)
+    monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.append(failures) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
-    assert len(begun[0]) == searches.START_POSES - 1
+    assert len(begun[0]) == searches.START_POSES
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
         return SimpleNamespace(task=task, promise=task, search=lasts(lasting.get(task, -np.inf)))
 
     some = []
-    monkeypatch.setattr(searches, "from_start", grasps)
+    monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: some.extend(these) or iter(()))
@@ -119,6 +119,7 @@ def test_starts_beside_the_best_are_tried_as_long_as_they_get_better(monkeypatch
         return SimpleNamespace(task=k, search=search)
 
     asked, beside = [], []
+    monkeypatch.setattr(attempts_, "BESIDE_AT_ONCE", 1)
     monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: asked.append(task) or attempt(task))
     monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: beside.append(task) or len(beside))
     free = [attempt(0)] if lasting else []
@@ -176,47 +177,48 @@ def further(
     return more, beside, begun
 
 
-def numbers(more, rounds: int) -> list[int | None]:
-    return [x and x.task for x in itertools.islice(more, rounds)]
+def numbers(more, rounds: int) -> list[list[int]]:
+    """Those that join in each round."""
+    return [[x.task for x in y.joining([call() for call in y.calls])] for y in itertools.islice(more, rounds)]
 
 
 def test_each_round_some_that_are_offered_and_one_beside_the_best_are_looked_at_and_only_lasting_ones_join(monkeypatch):
     lasting = {0: 0.6, 1: 0.5, 2: 0.8, 10: 0.7, 11: 0.75, 12: 1.0, 13: 0.9}
     more, beside, _ = further(monkeypatch, lasting, {}, {})
-    assert numbers(more, 5) == [None, None, 12, None, None]
-    assert beside == [0, 2, 2, 12, 12], "the best so far"
+    assert numbers(more, 5) == [[], [], [12], [], []]
+    assert beside == [0, 10, 2, 12, 12], "the best before the round"
 
 
 def test_none_are_begun_beside_others_where_nothing_nearly_lasts(monkeypatch):
     little = attempts_.NEARLY_LASTING_SHARE - 0.01
     more, beside, _ = further(monkeypatch, {0: little}, {}, {0: little})
-    assert numbers(more, 9) == [None] * 9
+    assert numbers(more, 9) == [[]] * 3, "of all that are offered"
     assert beside == []
 
 
 def test_what_is_beside_the_search_that_got_farthest_joins_where_that_has_stalled(monkeypatch):
     """However little it promises; what has just begun, or still gets farther, is left to itself."""
     more, beside, _ = further(monkeypatch, {}, {}, {}, offered=0, reached={0: 0.4, 11: 0.6, 12: 0.5})
-    assert numbers(more, 4) == [10, 11, 12, 13]
+    assert numbers(more, 4) == [[10], [11], [12], [13]]
     assert beside == [0, 0, 11, 11]
     monkeypatch.setattr(attempts_, "STALLED_EXPANSIONS", attempts_.STALLED_EXPANSIONS + 1)
-    assert numbers(more, 1) == [None]
+    assert numbers(more, 1) == []
     gait, beside, _ = further(monkeypatch, {}, {}, {}, offered=0, reached={0: 0.4}, coming_back=True)
-    assert (numbers(gait, 3), beside) == ([None] * 3, []), "how far it gets without coming back does not count"
+    assert (numbers(gait, 3), beside) == ([], []), "how far it gets without coming back does not count"
 
 
 def test_of_three_starts_one_is_beside_that_whose_grasp_nearly_lasts_the_others_beside_the_farthest(monkeypatch):
     more, beside, _ = further(monkeypatch, {0: 0.5}, {}, {}, offered=0, reached={0: 0.2, 10: 0.3})
-    assert numbers(more, 4) == [10, 11, None, 13]
+    assert numbers(more, 4) == [[10], [11], [], [13]]
     assert beside == [0, 10, 0, 10]
 
 
 def test_starts_join_that_are_among_the_most_promising_so_far(monkeypatch):
-    """Two are; several are tried between rounds."""
+    """Two are; several are tried beside a round."""
     promise = {0: 1.0, 1: 0.5, 2: 0.4, 4: 0.9, 5: 0.8, 6: 1.1, 7: 1.0, 8: 0.95}
     more, _, _ = further(monkeypatch, {}, promise, {}, promising=2, a_round=3, offered=8)
-    # 1 joins; 2 does not, and 3 is none: a round; 4 joins; 5 does not; 6 joins; 7 and 8 are not as good as two before
-    assert numbers(more, 5) == [1, None, 4, 6, None]
+    # 1 joins, 2 does not, and 3 is none; 4 joins, 5 does not, 6 joins; 7 and 8 are not as good as two before
+    assert numbers(more, 3) == [[1], [4, 6], []]
 
 
 def test_starts_whose_fingers_stay_longer_join_and_are_begun_beside_in_turn(monkeypatch):
@@ -227,21 +229,22 @@ def test_starts_whose_fingers_stay_longer_join_and_are_begun_beside_in_turn(monk
         promise={0: 1.0, 1: 1.0, 2: 0.5, 11: 0.2, 12: 1.1, 14: 0.9},
         staying={0: 0.6, 1: 0.7, 12: 0.7, 14: 0.9},
     )
-    assert numbers(more, 7) == [1, None, None, 12, None, 14, None]
-    assert beside == [1, 2, 1, 11, 12, 11]
+    assert numbers(more, 6) == [[1], [], [12], [], [14], []]
+    assert beside == [0, 0, 1, 11, 12, 11]
 
 
 def test_starts_with_a_gait_join_with_its_end_to_start_from(monkeypatch):
     more, beside, begun = further(monkeypatch, {}, {}, {}, gaits=(2,), turned=True)
-    first, second, third = itertools.islice(more, 3)
-    assert first is third is None
-    assert (second.task, second.gait, begun) == (2, "gait 2", [["gait 2"]] * 2), "evaluated, then begun from"
+    first, second, third = (y.joining([call() for call in y.calls]) for y in itertools.islice(more, 3))
+    assert first == third == []
+    assert [(x.task, x.gait) for x in second] == [(2, "gait 2")]
+    assert begun == [["gait 2"]] * 2, "evaluated, then begun from"
     assert beside == []
 
 
 def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_there(monkeypatch):
     asked = []
-    monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: asked.append(task) or grasp_of(task))
+    monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: asked.append(task) or grasp_of(task))
     monkeypatch.setattr(searches, "may_touch", lambda problem, wanted: frozenset())
     monkeypatch.setattr(searches, "most_enduring_first", lambda problem, tasks, *_: tasks[::-1])
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
@@ -256,13 +259,17 @@ def grasp_of(task: int) -> SimpleNamespace:
 
 
 def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
-    """Unless there is a gait already, or no period."""
-    some = [grasp_of(k) for k in range(3)]
+    """Beside the next round, if it joined; unless there is a gait already, or no period."""
+    some = [grasp_of(k) for k in range(4)]
     some[1].gait = "gait"
-    backs = {0: "back 0", 1: "back 1", 2: None}
-    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: backs[x.task])
-    found = list(searches._also_coming_back(ENDLESS, iter([None, *some])))
-    assert found == [None, some[0], "back 0", some[1], some[2]]
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None if x.task == 2 else f"back {x.task}")
+
+    def offer(k: int) -> Offer:
+        return Offer(calls=[lambda: some[k]], joining=lambda found: [x for x in found if x is not some[3]])
+
+    offers = searches._also_coming_back(ENDLESS, iter([offer(k) for k in (3, 0, 1, 2, 3, 3)]))
+    found = [y.joining([call() for call in y.calls]) for y in offers]
+    assert found == [[], [some[0]], [some[1], "back 0"], [some[2]], [], []]
 
 
 def test_a_start_promises_what_its_first_grasp_does_whatever_becomes_of_it():
@@ -289,7 +296,7 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
         return SimpleNamespace(task=task, promise=task, search=lasts(0.1) if straight else lasts())
 
     told = []
-    monkeypatch.setattr(searches, "from_start", grasps)
+    monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: told.append("gaits") or [])
     monkeypatch.setattr(searches, "starts_beside", lambda problem, *_: told.append("beside") or [])
@@ -316,7 +323,7 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
         return SimpleNamespace(task=task, promise=0.0, search=search, ease=task)
 
     begun = []
-    monkeypatch.setattr(searches, "from_start", lambda problem, task, *_: attempt(task, period=None))
+    monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: attempt(task, period=None))
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
     monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.extend(some) or iter(()))

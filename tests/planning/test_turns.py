@@ -1,9 +1,11 @@
 """Which of several searches has the next turn, and when another start is looked for."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
-from drake_hand.planning.turns import FARTHER_SHARE, SLICE_EXPANSIONS, Attempt, in_turn
+from drake_hand.planning.turns import FARTHER_SHARE, SLICE_EXPANSIONS, Attempt, Offer, in_turn
 
 
 class _Search:
@@ -56,15 +58,31 @@ def test_a_search_that_is_to_come_back_is_not_taken_to_have_stalled_where_its_pe
     assert spent(some, 30)[0] >= 29 * SLICE_EXPANSIONS, "though it got no farther, and others have their turn as well"
 
 
-def test_a_further_start_joins_after_each_round_in_which_one_got_no_farther_and_has_its_turn():
+def offering(*attempts: Attempt | None) -> Iterator[Offer]:
+    """One a round, which joins where there is one."""
+    return (Offer(calls=[lambda x=x: x], joining=lambda found: [x for x in found if x]) for x in attempts)
+
+
+def test_a_further_start_is_prepared_beside_a_round_after_one_in_which_a_search_got_no_farther_and_has_its_turn():
+    """Both begin, neither gets farther, none is there to join, one joins, and has its turn."""
     some, (late,) = begun(_Search(0.9), _Search(0.8)), begun(_Search(0.1))
-    rounds = in_turn(some, [], iter([None, late]), lambda: False, np.inf)
-    for _ in range(4):
+    rounds = in_turn(some, [], offering(None, late), lambda: False, np.inf)
+    for count, spent_late in ((2, 0), (2, 0), (2, 0), (3, 0), (3, SLICE_EXPANSIONS)):
         next(rounds)
-    assert some[2:] == [late]
-    assert late.search.expansions == SLICE_EXPANSIONS
+        assert (len(some), late.search.expansions) == (count, spent_late)
     some = begun(_Search(0.0, gain=0.1), _Search(0.0, gain=0.1))
-    rounds = in_turn(some, [], iter([late]), lambda: False, np.inf)
+    rounds = in_turn(some, [], offering(late), lambda: False, np.inf)
     for _ in range(3):
         next(rounds)
     assert len(some) == 2, "all of them still get farther"
+
+
+def test_where_all_searches_are_exhausted_what_is_prepared_goes_on():
+    some, (late,) = begun(_Search(0.9)), begun(_Search(0.1))
+    rounds = in_turn(some, [], offering(late), lambda: False, np.inf)
+    next(rounds)
+    next(rounds)
+    some[0].search.exhausted = True
+    next(rounds)
+    next(rounds)
+    assert late.search.expansions == SLICE_EXPANSIONS
