@@ -21,7 +21,7 @@ from drake_hand.planning.world import Grid, split
 SHORT_ROOM_SHARE = 0.25
 """A contact is short of room that rolls on by less than this, of 1."""
 ROOM_STEPS, ROOM_STEP_TICKS = 7, 2.5
-"""How far contacts are looked ahead, steps, and the length of a step, ticks."""
+"""How far contacts are looked ahead, steps, and the length of a step, in ticks as there usually are."""
 LOOKAHEAD_STEPS = 40
 """The same where it is asked whether they last for the whole path."""
 
@@ -100,17 +100,22 @@ class Moves:
 
         Towards the next stop, if it is as near as that, the offset fades, as it has to; after it there is none.
         """
-        stops, end = np.array(self.path.marks), self.path.ticks
+        stops, end, step = np.array(self.path.marks), self.path.ticks, self._room_step
         stop = stops[np.minimum(np.searchsorted(stops, s + 1e-9, side="right"), len(stops) - 1)]
         left = np.maximum(np.maximum(stop - s, offset_ticks(off)), 0.0)
-        to_stop = np.ceil(left / ROOM_STEP_TICKS)
+        to_stop = np.ceil(left / step)
         k = np.arange(ROOM_STEPS + 1)
         share = np.where(to_stop[:, None] > ROOM_STEPS, 0.0, np.minimum(k / np.maximum(to_stop[:, None], 1.0), 1.0))
-        far = np.minimum(s[:, None] + ROOM_STEP_TICKS * k, stop[:, None])
-        near = s[:, None] + share * (stop - s)[:, None] + ROOM_STEP_TICKS * np.maximum(k - to_stop[:, None], 0.0)
+        far = np.minimum(s[:, None] + step * k, stop[:, None])
+        near = s[:, None] + share * (stop - s)[:, None] + step * np.maximum(k - to_stop[:, None], 0.0)
         at = np.where(to_stop[:, None] > ROOM_STEPS, far, np.minimum(near, end))
-        steps = np.minimum(ROOM_STEPS, to_stop + np.ceil((end - stop) / ROOM_STEP_TICKS)).astype(np.int64)
+        steps = np.minimum(ROOM_STEPS, to_stop + np.ceil((end - stop) / step)).astype(np.int64)
         return self.path.beside(at, (1.0 - share)[..., None] * off[:, None]), steps
+
+    @property
+    def _room_step(self) -> float:
+        """Of its path's ticks: as far on a fine path as on any."""
+        return ROOM_STEP_TICKS * self.path.fineness
 
     def rooms(self, finger: np.ndarray, q: np.ndarray, X: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """(N,) how far contacts of fingers (N,) at q (N, m) roll along the paths ahead, over `ROOM_STEPS`."""
@@ -127,8 +132,8 @@ class Moves:
 
     def enduring(self, finger: np.ndarray, q: np.ndarray) -> np.ndarray:
         """(N,) share of the nominal path for which contacts of fingers (N,) at q (N, m) last, as far as is looked."""
-        k = int(np.clip(np.ceil(self.path.ticks / ROOM_STEP_TICKS), 1, LOOKAHEAD_STEPS))
-        way = self.path.beside(np.minimum(ROOM_STEP_TICKS * np.arange(k + 1), self.path.ticks), np.zeros((k + 1, 6)))
+        k = int(np.clip(np.ceil(self.path.ticks / self._room_step), 1, LOOKAHEAD_STEPS))
+        way = self.path.beside(np.minimum(self._room_step * np.arange(k + 1), self.path.ticks), np.zeros((k + 1, 6)))
         return self.lasting(finger, q, np.repeat(way[None], len(q), axis=0), k) / k
 
     def contacts(self, finger: int, X: np.ndarray, some: int | slice | None = None) -> tuple[np.ndarray, ...]:

@@ -56,6 +56,8 @@ class ObjectPath:
     """(3,) if the whole path is one rotation about a line: its axis ..."""
     point_W: np.ndarray | None = None
     """(3,) ... and a point on it, m."""
+    fineness: int = 1
+    """How many times more ticks there are than usual."""
 
     def __len__(self) -> int:
         return len(self.X_WO)
@@ -136,7 +138,7 @@ def build(X_WO: np.ndarray, steps: list[Step], *, fineness: int = 1) -> ObjectPa
     axis = point = None
     if len(steps) == 1 and steps[0].rotate:
         axis, point = rotation_line(poses[0], steps[0].rotate)
-    return ObjectPath(X_WO=np.stack(poses), stops=tuple(stops), axis_W=axis, point_W=point)
+    return ObjectPath(X_WO=np.stack(poses), stops=tuple(stops), axis_W=axis, point_W=point, fineness=fineness)
 
 
 def rotation_line(X_WO: np.ndarray, rotate: Rotate) -> tuple[np.ndarray, np.ndarray]:

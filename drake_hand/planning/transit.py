@@ -59,25 +59,15 @@ class Surroundings:
     def clear(self, i: int, q: np.ndarray, least: float) -> np.ndarray:
         """(N,) whether finger i, its tip too, is clear of everything by so much, m, at q (N, m)."""
         out = np.zeros(len(q), dtype=bool)
-        free.clear_at(*self._around(i), self._padded(q), least, out)
+        free.clear_at(*self.around(i), self.padded(q), least, out)
         return out
 
-    def lifts(self, i: int, q: np.ndarray, rises: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Paths (N, LIFT_KNOTS, m) of finger i off contacts at q (N, m) by rises (N, 3), and which (N,) are clear."""
-        able, ways = np.zeros(len(q), dtype=bool), np.zeros((len(q), LIFT_KNOTS, self.q.shape[1]))
-        free.lifts(*self._around(i), self._padded(q), np.ascontiguousarray(rises), ways, able)
-        return ways[..., : q.shape[1]], able
-
-    def straight(self, i: int, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether finger i is clear all along the straight path from a to b (m,) in joint space."""
-        able, ends = np.zeros(1, dtype=bool), self._padded(np.stack([a, b]))
-        free.goes_straight(*self._around(i), *ends, TRAVEL_STEP_RAD, able)
-        return bool(able[0])
-
-    def _around(self, i: int) -> tuple[Any, ...]:
+    def around(self, i: int) -> tuple[Any, ...]:
+        """What kernels ask about finger i on its way."""
         return self.clearance.world, i, self.X_WO, self.q, self.standing
 
-    def _padded(self, q: np.ndarray) -> np.ndarray:
+    def padded(self, q: np.ndarray) -> np.ndarray:
+        """Postures (N, any) of a finger as kernels take them, (N, m)."""
         out = np.zeros((len(q), self.q.shape[1]))
         out[:, : q.shape[1]] = q
         return out
@@ -99,13 +89,17 @@ def lift_off(s: Surroundings, i: int, q: np.ndarray, n_W: np.ndarray, height: fl
     Returns:
         (N, LIFT_KNOTS, m) paths, and whether each is clear (N,).
     """
-    return s.lifts(i, q, height * n_W)
+    able, ways = np.zeros(len(q), dtype=bool), np.zeros((len(q), LIFT_KNOTS, s.q.shape[1]))
+    free.lifts(*s.around(i), s.padded(q), np.ascontiguousarray(height * n_W), ways, able)
+    return ways[..., : q.shape[1]], able
 
 
 def straight_path(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Straight path in joint space from a to b (m,), or None where something is in the way."""
     n = max(3, int(np.ceil(np.abs(b - a).max() / TRAVEL_STEP_RAD)) + 1)
-    return a + np.linspace(0, 1, n)[:, None] * (b - a) if s.straight(i, a, b) else None
+    able = np.zeros(1, dtype=bool)
+    free.goes_straight(*s.around(i), *s.padded(np.stack([a, b])), TRAVEL_STEP_RAD, able)
+    return a + np.linspace(0, 1, n)[:, None] * (b - a) if able[0] else None
 
 
 def travel(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> list[np.ndarray] | None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_hand.planning.failure import code
-from drake_hand.planning.object_path import pose, still
+from drake_hand.planning.object_path import build, pose, still
 from drake_hand.planning.period import Period
 from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
 from drake_hand.planning.state import Node, Stroke
@@ -67,6 +67,18 @@ def test_strokes_stay_in_the_corridor_and_meet_a_stop_without_an_offset():
             np.testing.assert_array_equal(x.move.q[0], root.q)
             assert not np.ptp(x.move.q[:, ~x.touching], axis=0).any(), "who does not touch rests"
     assert stopped
+
+
+def test_as_far_is_looked_ahead_on_a_fine_path_as_on_any():
+    coarse = path(HAND, turn(90.0))
+    fine = build(coarse.X_WO[0], [turn(90.0)], fineness=2)
+    for s, off in ((3.0, np.zeros(6)), (30.0, np.zeros(6))):
+        some, others = (
+            moves(HAND, PENCIL, way).look(np.array([times * s]), off[None]) for way, times in ((coarse, 1), (fine, 2))
+        )
+        np.testing.assert_allclose(some[0], others[0], atol=1e-12)
+        np.testing.assert_array_equal(some[1], others[1])
+        assert np.ptp(some[0][0, :, 0, 0]) > 0.05
 
 
 def test_strokes_leave_the_path_sideways_only():

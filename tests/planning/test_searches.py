@@ -2,6 +2,7 @@
 
 import itertools
 from contextlib import nullcontext
+from threading import Barrier
 from types import SimpleNamespace
 
 import msgspec
@@ -16,6 +17,7 @@ from drake_hand.planning.grasp import LASTING_SCORE
 from drake_hand.planning.planner import find_paths
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.turns import Attempt, Offer
+from drake_hand.planning.world import CORES
 from drake_hand.plans.task import Grasp, Options, Step
 from tests.planning.small import move, task, turn
 
@@ -280,6 +282,23 @@ def test_a_start_promises_what_its_first_grasp_does_whatever_becomes_of_it():
     x.search.starts.clear()
     assert x.staying == grasp.staying(x.search.moves, [first])[0]
     assert x.promise == pytest.approx(first.score + LASTING_SCORE * x.staying)
+
+
+@pytest.mark.skipif(CORES == 1, reason="side by side takes two cores")
+def test_starts_are_prepared_side_by_side(monkeypatch):
+    both = Barrier(2, timeout=30.0)
+    monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: (both.wait() and task) or task)
+    assert attempts_.from_starts(problem_of("auto"), [1, 2, 3, 4], Grasp(), [], []) == [1, 2, 3, 4]
+
+
+def test_the_scene_is_asked_by_one_at_a_time(monkeypatch):
+    """It has one state: where another has put hand and object would be answered for."""
+    t = task("trio", "cube", turn(90.0))
+    problem, asked = Problem.of(t, Hand.load(t.hand), lambda _: None), []
+    monkeypatch.setattr(grasp, "check_palm", lambda *_: asked.append(problem.scene_free.locked()))
+    attempts_.from_starts(problem, [t, t], Grasp(), t.motion[1:], [])
+    assert asked == [True, True]
+    assert not problem.scene_free.locked()
 
 
 def test_no_period_is_looked_for_where_the_hand_can_get_to_no_grasp(monkeypatch):

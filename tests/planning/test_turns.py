@@ -1,11 +1,13 @@
 """Which of several searches has the next turn, and when another start is looked for."""
 
 from collections.abc import Iterator
+from threading import Barrier
 
 import numpy as np
 import pytest
 
 from drake_hand.planning.turns import FARTHER_SHARE, SLICE_EXPANSIONS, Attempt, Offer, in_turn
+from drake_hand.planning.world import CORES
 
 
 class _Search:
@@ -86,3 +88,15 @@ def test_where_all_searches_are_exhausted_what_is_prepared_goes_on():
     next(rounds)
     next(rounds)
     assert late.search.expansions == SLICE_EXPANSIONS
+
+
+@pytest.mark.skipif(CORES == 1, reason="side by side takes two cores")
+def test_further_starts_are_prepared_while_searches_are_at_work():
+    both = Barrier(2, timeout=30.0)
+    one, (late,) = begun(_Search(0.5)), begun(_Search(0.1))
+    rounds = in_turn(one, [], iter([Offer(calls=[lambda: (both.wait() and None) or late], joining=list)]), bool, np.inf)
+    next(rounds)
+    next(rounds)
+    one[0].search.run = lambda budget, deadline: both.wait() and None
+    next(rounds)
+    assert one[1:] == [late]
