@@ -13,6 +13,9 @@ from drake_hand.planning.kernels.clear import apart, clear_alone, off_object, of
 from drake_hand.planning.kernels.transit import lift, straight
 from drake_hand.planning.kernels.world import WORLD, scratch
 
+_FINGER = (WORLD, int64, float64[:, ::1], float64[:, ::1], boolean[::1])
+"""A finger, the object's pose (3, 4), and the hand (n, m) with those of its fingers (n,) that stand."""
+
 
 @njit()
 def _stand(w, q, standing, s):
@@ -22,18 +25,7 @@ def _stand(w, q, standing, s):
             place(w, j, q[j], s)
 
 
-@njit(
-    (
-        WORLD,
-        int64,
-        float64[:, ::1],
-        float64[:, ::1],
-        boolean[::1],
-        float64[:, ::1],
-        float64,
-        boolean[::1],
-    )
-)
+@njit((*_FINGER, float64[:, ::1], float64, boolean[::1]))
 def clear_at(w, f, X, others, standing, q, least, ok):
     """Writes whether finger f, its tip too, is clear of everything by so much at q (N, m).
 
@@ -45,19 +37,7 @@ def clear_at(w, f, X, others, standing, q, least, ok):
         ok[i] = clear_alone(w, f, q[i], False, X, s, least)
 
 
-@njit(
-    (
-        WORLD,
-        int64,
-        float64[:, ::1],
-        float64[:, ::1],
-        boolean[::1],
-        float64[:, ::1],
-        float64[:, ::1],
-        float64[:, :, ::1],
-        boolean[::1],
-    )
-)
+@njit((*_FINGER, float64[:, ::1], float64[:, ::1], float64[:, :, ::1], boolean[::1]))
 def lifts(w, f, X, others, standing, q, rises, ways, ok):
     """Writes paths (N, LIFT_KNOTS, m) of finger f off contacts at q (N, m) by rises (N, 3), and which are clear."""
     s = scratch(w)
@@ -66,19 +46,7 @@ def lifts(w, f, X, others, standing, q, rises, ways, ok):
         ok[i] = lift(w, f, q[i], rises[i], 1.0, X, ways[i], s)
 
 
-@njit(
-    (
-        WORLD,
-        int64,
-        float64[:, ::1],
-        float64[:, ::1],
-        boolean[::1],
-        float64[::1],
-        float64[::1],
-        float64,
-        boolean[::1],
-    )
-)
+@njit((*_FINGER, float64[::1], float64[::1], float64, boolean[::1]))
 def goes_straight(w, f, X, others, standing, a, b, step, ok):
     """Writes (1,) whether finger f is clear along the straight path from a to b (m,) in joint space."""
     s = scratch(w)
