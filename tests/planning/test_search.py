@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from drake_hand.planning.failure import code
 from drake_hand.planning.object_path import build, pose, still
 from drake_hand.planning.period import Period
-from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search
+from drake_hand.planning.search import BIN_EXPANSIONS, BIN_TICKS, Search, _cells
 from drake_hand.planning.state import Node, Stroke
 from drake_hand.planning.strokes import draw_strokes
 from drake_hand.planning.switches import draw_retreats, draw_switches
@@ -218,6 +219,8 @@ def test_states_much_alike_share_a_niche():
     search.begin([x, twin, lifted, later])
     assert x.niche == twin.niche
     assert len({x.niche, lifted.niche, later.niche}) == 3 - (not x.touching[0])
+    touches, does_not = (SimpleNamespace(p_OP=np.zeros((1, 3)), touching=np.array([on])) for on in (True, False))
+    assert np.ptp(_cells([touches, does_not]), axis=0).all(), "also in the middle of the object"
 
 
 def test_where_nothing_leads_on_the_search_goes_back(monkeypatch):

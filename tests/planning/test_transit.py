@@ -58,6 +58,16 @@ def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_cle
         assert able[0] == fine
 
 
+def test_a_finger_keeps_clear_of_all_others_at_rest_and_of_none_where_all_move(pencil):
+    c, X = pencil.clearance, pencil.path.X_WO[0]
+    mine, q = contact(pencil, 0, (0.0, 8e-3, -0.01)), c.hand.q_home.copy()
+    for z, fine in ((0.03, True), (-0.01 + 16.1e-3, False)):
+        q[c.hand.fingers[1].columns] = contact(pencil, 1, (0.0, 8e-3, z)).q[0]
+        for moving, able in ((0, fine), (None, True)):
+            s = Surroundings.of(c, q, X, moving)
+            assert lift_off(s, 0, mine.q[:1], mine.n_W[:1], HEIGHT)[1][0] == able
+
+
 def test_every_lift_promised_is_clear_all_along_and_at_its_end(pencil):
     mine = pencil.spans(0, 0)
     s = around(pencil, (1, contact(pencil, 1, (0.0, 8e-3, 5e-3)).q[0]))
