@@ -247,16 +247,18 @@ def further_starts(
 
     for k in itertools.count():
         some = list(itertools.islice(tasks, OFFERED_A_ROUND))
+        sure = [False] * len(some)
         farthest = None if gaits else _stalled(known)
-        best = [x for x in (farthest, staying, farthest, lasting) if x is not None]
-        if best:
-            some.append(start.close_by(best[k % len(best)].task, problem.clearance, rng))
-        elif not some:
+        bests = [x for x in (farthest, staying, farthest, lasting) if x is not None]
+        if bests:
+            best = bests[k % len(bests)]
+            some.append(start.close_by(best.task, problem.clearance, rng))
+            sure.append(best is farthest)
+        if not some:
             return
-        sure = len(some) - 1 if best and best[k % len(best)] is farthest else len(some)
 
-        def joining(found: list[Attempt | None], sure: int = sure) -> list[Attempt]:
-            out = [x for i, x in enumerate(found) if x is not None and (joins(x) or i >= sure)]
+        def joining(found: list[Attempt | None], sure: list[bool] = sure) -> list[Attempt]:
+            out = [x for x, anyway in zip(found, sure, strict=True) if x is not None and (joins(x) or anyway)]
             known.extend(out)
             return out
 

@@ -143,7 +143,7 @@ def _coming_back(problem: Problem, x: Attempt) -> Attempt | None:
 def _also_coming_back(problem: Problem, further: Iterator[Offer]) -> Iterator[Offer]:
     """With each of further searches that joins one for a period from the same start, where there can be one."""
     joined: list[Attempt] = []
-    for offer in further:
+    for offer in itertools.chain(further, [Offer(calls=[], joining=lambda found: [])]):  # and what joined last
         n, joining = len(offer.calls), offer.joining
 
         def both(found: list[Attempt | None], n: int = n, joining: Joining = joining) -> list[Attempt]:

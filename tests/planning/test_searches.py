@@ -269,9 +269,9 @@ def test_of_a_further_start_a_period_is_looked_for_too(monkeypatch):
     def offer(k: int) -> Offer:
         return Offer(calls=[lambda: some[k]], joining=lambda found: [x for x in found if x is not some[3]])
 
-    offers = searches._also_coming_back(ENDLESS, iter([offer(k) for k in (3, 0, 1, 2, 3, 3)]))
+    offers = searches._also_coming_back(ENDLESS, iter([offer(k) for k in (3, 1, 2, 3, 0)]))
     found = [y.joining([call() for call in y.calls]) for y in offers]
-    assert found == [[], [some[0]], [some[1], "back 0"], [some[2]], [], []]
+    assert found == [[], [some[1]], [some[2]], [], [some[0]], ["back 0"]], "also of the last"
 
 
 def test_a_start_promises_what_its_first_grasp_does_whatever_becomes_of_it():
