@@ -18,6 +18,7 @@ from drake_hand.contact.cone_program import Unbalanced
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.contact.forces import ForceProblem, balance_forces, likely_press
 from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm, twisted
+from drake_hand.contact.stiffness import hold_stiffness, least_stiffness, twist_stiffness
 from drake_hand.contact.surface import Surface
 from drake_hand.contact.weight import weight_offsets
 from drake_hand.errors import NoPlanFound
@@ -111,6 +112,7 @@ def add_forces(
     wanted = holding.wanted(hand, J, normal)
     friction = np.where(light.easing, holding.sliding_friction, holding.friction)
     p_WCom = X[:, :3, :3] @ object_.p_OCom + X[:, :3, 3]
+    spin = twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching)
     contacts = ContactSets(p_WP=p, n_W=normal, J_WP=J, mask=touching, p_WCom=p_WCom)
     problem = ForceProblem(
         load=load,
@@ -120,7 +122,7 @@ def add_forces(
         torsion_radius=holding.torsion_radius,
         effort=holding.effort,
         drag_W=holding.sliding_friction * light.slip_W,
-        spin=twisted(turns(R_WT), turns(X[:, None, :3, :3]), -normal, touching),
+        spin=spin,
         spin_arm=_arms(hand, holding, wanted, bend, SPARE_FRICTION_SHARE),
         least=holding.preload,
         fixture=held,
@@ -168,6 +170,11 @@ def add_forces(
     offset, beyond = within_limits(hand, q, offset + weight, swing, touching)
     if beyond.any():
         raise _out_of_limits(beyond, hand, legs, starts, X)
+    pads = twist_stiffness(np.maximum(-np.sum(f_W * normal, axis=-1), 0.0), problem.spin_arm, spin)
+    softest = np.linalg.eigvalsh(hold_stiffness(hand, object_, q, X, f_W, pads, light.share == 1))[:, 0]
+    loose = np.where(held | (borne < 1), np.inf, softest)
+    if loose.min() < least_stiffness(holding.weight):
+        raise _gives_way(loose, holding, legs, starts, X)
     out = []
     for a, leg in zip(starts, legs, strict=False):
         b = a + len(leg.q)
@@ -238,6 +245,18 @@ def _out_of_limits(
     what = f"{hand.joints[c]} would be commanded {np.degrees(beyond[j, c]):.2g} deg beyond its limit to press"
     mode = _leg_at(int(j), legs, starts).mode
     return no_plan(what, mode=mode, finger=finger, constraint="joint limit", X_WO=X_WO[j])
+
+
+def _gives_way(
+    softest: np.ndarray, holding: Equilibrium, legs: list[Leg], starts: np.ndarray, X_WO: np.ndarray
+) -> NoPlanFound:
+    """The error that a hold is too soft, naming the knot (n,) where it is softest."""
+    j = int(softest.argmin())
+    share = softest[j] / least_stiffness(holding.weight)
+    what = f"the object would give way: the hold has {share:.0%} of the stiffness it needs" if share > 0 else (
+        "the object would fall: what the fingers do to it drives it on where it moves a little"
+    )  # fmt: skip
+    return no_plan(what, mode=_leg_at(j, legs, starts).mode, constraint="stiffness", X_WO=X_WO[j])
 
 
 def _leg_at(knot: int, legs: list[Leg], starts: np.ndarray) -> Leg:

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_hand.contact.kernels.stiffness import SPRING_ROWS
 from drake_hand.planning.grasp import FIRM_FINGERS
 from drake_hand.planning.kernels import gait as kernels
+from drake_hand.planning.kernels.steady import springs
 from drake_hand.planning.kernels.world import Load
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.reach import ContactSpan, ReachTable
@@ -196,8 +198,14 @@ class _Rating:
                 own = h.q.shape[1]
                 self.p[slot, j], self.normal[slot, j] = h.p_WP[ages], h.n_W[ages]
                 self.q[slot, j, :, :own], self.J[slot, j, :, :, :own] = h.q[ages], h.J_WP[ages]
-        X = np.ascontiguousarray(reach.path.X_WO[0, :3])
-        self._args = reach.world, load, X, self.fingers, self.p, self.normal, self.J
+        self.spring, self.press = np.zeros((S, most, 2, SPRING_ROWS, 3)), np.zeros((S, most, 2))
+        X = np.ascontiguousarray(reach.path.X_WO[ages, :3])
+        if not load.kinematic:
+            for slot, finger in enumerate(fingers):
+                springs(reach.world, load, finger, X, self.q[slot], self.spring[slot], self.press[slot])
+        self._args = (
+            reach.world, load, X[0].copy(), self.fingers, self.p, self.normal, self.J, self.spring, self.press
+        )  # fmt: skip
 
     def best(self, rng: np.random.Generator, starts: int) -> list[Gait]:
         """Local optima: from the most promising of a random sample, one contact exchanged at a time."""

@@ -34,6 +34,8 @@ FIRM_FINGERS = 3
 Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
 AMPLE_FRICTION, AMPLE_EFFORT_RATIO = 10.0, 100.0
 """Friction, and times the effort there is, with which it is asked what grasps are short of."""
+ANY_FIRMNESS_N_M = -1e9
+"""N/m; likewise, for holds of any stiffness, or none."""
 LASTING_SCORE = 3.0
 """What it counts for that none of their fingers has to let go on the path, or none that they cannot spare."""
 HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
@@ -215,6 +217,9 @@ def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.nda
         return f"{load.min_contacts} fingers have to touch, {touching.sum(axis=1).max()} can", "contacts"
     if load.kinematic:
         return least, "balance"
+    load = load._replace(firmness=ANY_FIRMNESS_N_M)
+    if (_margins(moves, load, X, posture, touching)[:, -1] >= 0).any():
+        return "what balances it is too soft to hold it", "stiffness"
     eased = (
         ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
         (

@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_hand.contact.compliance import pad_compression, tip_stiffness
 from drake_hand.contact.spin import spin_arm
+from drake_hand.contact.stiffness import least_stiffness
 from drake_hand.model.hand import Hand
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
@@ -25,6 +26,8 @@ class Equilibrium:
     """Error of the object's pose that contacts are preloaded against, m."""
     LEAST_PRELOAD_N = 0.35
     """Normal force that forces are planned for however soft the finger, N (facts: gaits with less were lost)."""
+    GIVE_SHARE = 0.8
+    """Of how far the certificate lets an object give way, what plans are searched with."""
 
     ROD_CURVATURE_RATIO = 2.0
     """Of an object as thin as the fingertip, by which pads are pressed in deeper than on a plane."""
@@ -42,6 +45,8 @@ class Equilibrium:
         self.force_W, self.friction, self.preload = mass * gravity, self.FRICTION_SHARE * friction, preload
         self.weight = STANDARD_GRAVITY * mass
         """Of the object on earth, N: what tolerances go by."""
+        self.firmness = least_stiffness(self.weight) / self.GIVE_SHARE
+        """Least stiffness of a hold, N/m; see `contact.stiffness`."""
         self.sliding_friction = friction
         self.torsion_radius = hand.pad.torsion_radius_mm * 1e-3
         self.spin_arm = spin_arm(hand.pad, np.array([f.radius for f in hand.fingers]), friction)
@@ -49,6 +54,8 @@ class Equilibrium:
         press = max(preload, self.LEAST_PRELOAD_N)
         self.compression = float(pad_compression(hand.pad, press, self.ROD_CURVATURE_RATIO))
         """Of pads at that force, m."""
+        self.pad_yield = 1 / hand.pad.point_stiffness_n_m
+        """Of pads along the normal, m/N."""
         self.effort, self.stiffness = np.full((2, len(hand.fingers), max(len(f.joints) for f in hand.fingers)), np.inf)
         for i, finger in enumerate(hand.fingers):
             self.effort[i, : len(finger.joints)] = self.EFFORT_SHARE * hand.effort[finger.columns]

@@ -19,6 +19,7 @@ from drake_hand.modes.constraints import build_ik
 from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.solve import Infeasible, solution_at, solve_ik, what_blocks
 from drake_hand.planning.failure import code, no_plan
+from drake_hand.planning.kernels.hold import GIVES_WAY_N
 from drake_hand.planning.moves import SHORT_ROOM_SHARE, Moves
 from drake_hand.planning.object_path import TICK_DEG, TICK_M
 from drake_hand.planning.state import Node, whole
@@ -43,10 +44,14 @@ def stuck(
     reason += f" at {100 * share:.0f} % of the motion"
     if short:
         reason += f": {', '.join(names[f] for f in short)} near the end of what the finger can reach"
+    soft = bool(kept) and all(x.margins[f] == GIVES_WAY_N for f in kept)
     if kept:
-        least = min(float(x.margins[f]) for f in kept)
         reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
-        reason += f" (short of {-least:.2f} N)" if least > -10 else ""
+        least = min(float(x.margins[f]) for f in kept)
+        if soft:
+            reason += " (they would balance it, but too softly)"
+        elif least > -10:
+            reason += f" (short of {-least:.2f} N)"
         reason += _what_would_help(moves, x, kept)
     blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
     return no_plan(
@@ -54,7 +59,7 @@ def stuck(
         status=status,
         mode=code(hand, touching),
         finger=names[blamed],
-        constraint="balance" if blamed in kept else "reach",
+        constraint=("stiffness" if soft else "balance") if blamed in kept else "reach",
         X_WO=np.vstack([x.X, [0.0, 0.0, 0.0, 1.0]]),
         progress=share,
         expansions=expansions,
@@ -68,7 +73,10 @@ def _what_would_help(moves: Moves, x: Node, kept: list[int]) -> str:
         eased = {
             f"{more} the friction": load._replace(friction=times * load.friction),
             f"{more} the joints' efforts": load._replace(effort=times * load.effort),
-            f"{less} the object's weight": load._replace(force_W=load.force_W / times, preload=load.preload / times),
+            f"{more} the servos' stiffness": load._replace(stiffness=times * load.stiffness),
+            f"{less} the object's weight": load._replace(
+                force_W=load.force_W / times, preload=load.preload / times, firmness=load.firmness / times
+            ),
         }
         for words, other in eased.items():
             lighter = replace(x)

@@ -143,6 +143,10 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
             effort=holding.effort,
             stiffness=holding.stiffness,
             compression=holding.compression,
+            pad_yield=holding.pad_yield,
+            pose_error=holding.POSE_ERROR_M,
+            least_press=holding.LEAST_PRELOAD_N,
+            firmness=holding.firmness,
         )
     return kernels.Load(
         kinematic=True,
@@ -157,6 +161,10 @@ def load_on_hand(holding: Equilibrium | None, min_contacts: int) -> kernels.Load
         effort=np.ones((1, 1)),
         stiffness=np.ones((1, 1)),
         compression=0.0,
+        pad_yield=0.0,
+        pose_error=0.0,
+        least_press=0.0,
+        firmness=0.0,
     )
 
 

@@ -49,6 +49,8 @@ def certify(plan: Plan, *, scene: Scene | None = None, progress: Callable[[float
     - ``effort_ratio``: joint torque that the contact forces take over the joint's effort.
     - ``balance_ratio``: what the contact forces leave unbalanced of gravity and inertia, over 2 % of the object's
       weight (torque: that weight at 10 mm).
+    - ``give_mm``: how far 2 % of the object's weight, or that at 10 mm, moves it in the direction in which it gives way
+      most, servos and pads being springs; of a turn that at 10 mm. 30 where nothing brings it back.
     - ``pinch_deg``: while just two fingers touch the object, how far their pads turn over it about its normals, the one
       that turns less: about that far the object turns with it, about the line through both.
     - ``command_force_n``: difference of the contact forces that the commanded offsets produce from those stated;

@@ -14,6 +14,7 @@ from drake_hand.verify.contacts import FREE, SLIDE, runs, sliding_velocity
 from drake_hand.verify.findings import Findings
 from drake_hand.verify.goal import StepSpan
 from drake_hand.verify.observe import Observed
+from drake_hand.verify.stiffness import give_mm
 from drake_hand.verify.table import borne, check_clear
 from drake_hand.verify.torsion import pinched_deg, torsion
 
@@ -30,10 +31,12 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
     touching = np.sum(seen.digits != FREE, axis=1)
     held = touching >= task.options.min_contacts
     body, by = _body(plan, scene), None
+    give = np.full(len(s.t), np.nan)
     if task.options.hold == "equilibrium":
         twisted = torsion(seen, scene)
         by = _forces(seen, plan, scene, body, twisted, findings)
         balance = unbalanced(s, by, body)
+        give = give_mm(seen, scene, twisted, body)
         held &= balance <= 1
         findings.add("pinch_deg", pinched_deg(twisted.spin, seen.digits != FREE), s.t, s.part)
     else:
@@ -47,6 +50,7 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
         if by is not None:
             balance[lies] = borne(seen, np.flatnonzero(lies), by, plan, scene, body)
         findings.add("contacts", np.where(lies, np.nan, touching), s.t, s.part, limit=float(task.options.min_contacts))
+        findings.add("give_mm", np.where(lies, np.nan, give), s.t, s.part)
         findings.add("balance_ratio", balance, s.t, s.part)
         return
     in_fixture = fixture(touching, held, moved, balance)
@@ -64,6 +68,7 @@ def check_hold(seen: Observed, plan: Plan, scene: Scene, stages: list[StepSpan],
     own[-1] |= _ends_held(task)
     findings.add("contacts", np.where(own, touching, np.nan), s.t, s.part, limit=float(task.options.min_contacts))
     findings.add("balance_ratio", np.where(own, balance, np.nan), s.t, s.part)
+    findings.add("give_mm", np.where(own, give, np.nan), s.t, s.part)
 
 
 def _ends_held(task: Task) -> bool:

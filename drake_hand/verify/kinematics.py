@@ -120,6 +120,11 @@ class Posture:
         _jacobian(moving, tree.kind, tree.coupling, self.axis_W, self.p_WF, np.ascontiguousarray(p_WP), out)
         return out
 
+    def turning(self, body: int) -> np.ndarray:
+        """(k, 3, nq) angular velocity of a body, per commanded joint's."""
+        turns = np.flatnonzero(self.tree.above[body] & (self.tree.kind == _REVOLUTE))
+        return np.swapaxes(self.axis_W[:, turns], 1, 2) @ self.tree.coupling[turns]
+
     def weight(self, gravity_W: np.ndarray) -> np.ndarray:
         """(k, nq) joint torques that gravity (3,), m/s^2, exerts on the links."""
         tree = self.tree

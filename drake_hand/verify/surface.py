@@ -73,23 +73,31 @@ class PackedObject:
         _distances(self.kind, self.size, self.X_OG, self.corner, self.plane, self.first, self.ball, flat, out)
         return out[:, 0].reshape(p_O.shape[:-1]), out[:, 1:].reshape(p_O.shape)
 
-    def bend(self, p_O: np.ndarray, n_O: np.ndarray, radius: float) -> np.ndarray:
-        """How much the surface curves away from a sphere whose centre p_O (k, 3) lies above it, normal n_O (k, 3).
+    def shape_operator(self, p_O: np.ndarray, n_O: np.ndarray) -> np.ndarray:
+        """How the normal turns per distance that points p_O (k, 3) above the surface, normal n_O (k, 3), move.
 
         Over the patch a pad touches: at the edges of a mesh's facets the surface is no sharper than its facets differ.
 
         Returns:
-            (k,) product of 1 + radius x principal curvature: 1 where it is flat, 400 at most, at a corner.
+            (k, 3, 3) symmetric, zero along the normal, 1/m.
         """
         e = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
         t = np.cross(e, n_O)
         t /= np.linalg.norm(t, axis=1, keepdims=True)
         sides = np.stack([t, np.cross(n_O, t)], axis=1)
-        # the normal turns by c / (1 + radius c) per distance that the sphere's centre moves, here in six directions
         way = np.exp(1j * np.pi / 3 * np.arange(6)).view(float).reshape(6, 2)
         normal = self.distance(p_O[:, None] + PATCH_M * (way @ sides))[1]
         H = (sides @ np.swapaxes(normal, 1, 2)) @ way / (3 * PATCH_M)
-        turn = np.linalg.eigvalsh((H + np.swapaxes(H, 1, 2)) / 2)
+        return np.swapaxes(sides, 1, 2) @ ((H + np.swapaxes(H, 1, 2)) / 2) @ sides
+
+    def bend(self, p_O: np.ndarray, n_O: np.ndarray, radius: float) -> np.ndarray:
+        """How much the surface curves away from a sphere whose centre p_O (k, 3) lies above it, normal n_O (k, 3).
+
+        Returns:
+            (k,) product of 1 + radius x principal curvature: 1 where it is flat, 400 at most, at a corner.
+        """
+        # the normal turns by c / (1 + radius c) per distance that the sphere's centre moves
+        turn = np.linalg.eigvalsh(self.shape_operator(p_O, n_O))
         return np.prod(1 / np.clip(1 - radius * turn, 0.05, 1.0), axis=1)
 
 

@@ -86,6 +86,23 @@ def test_no_contact_gets_less_force_than_the_search_knows_that_all_can_have(legs
     assert set(asked) == {holding.preload}
 
 
+def test_a_hold_that_would_give_way_is_refused(legs, monkeypatch):
+    there, gravity, holding = (
+        scene("quartet", "pencil_r8"),
+        np.array(UP["quartet"]),
+        equilibrium("quartet", "pencil_r8"),
+    )
+    monkeypatch.setattr(force_plan, "least_stiffness", lambda weight: 1e6 * weight)
+    with pytest.raises(NoPlanFound, match=r"would give way: the hold has \d+% of the stiffness") as refused:
+        add_forces(legs, there, gravity, holding)
+    assert refused.value.evidence.constraint == "stiffness"
+    assert refused.value.evidence.mode in {leg.mode for leg in legs}
+    stiff = force_plan.hold_stiffness
+    monkeypatch.setattr(force_plan, "hold_stiffness", lambda *args: -stiff(*args))
+    with pytest.raises(NoPlanFound, match="would fall"):
+        add_forces(legs, there, gravity, holding)
+
+
 def test_forces_rise_from_nothing_after_make_and_fade_to_nothing_before_break(regrasped):
     names = [f.name for f in scene("quartet", "pencil_r8").hand.fingers]
     made, broken = 0, 0

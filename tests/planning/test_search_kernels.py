@@ -6,14 +6,19 @@ from functools import partial
 import numpy as np
 import pytest
 
+from drake_hand.contact.chain import skew
 from drake_hand.contact.compliance import joint_offsets, turns
+from drake_hand.contact.forces import FRICTION_WEIGHT
 from drake_hand.contact.spin import twisted
+from drake_hand.contact.stiffness import hold_stiffness, twist_stiffness
 from drake_hand.model.hand import Hand
+from drake_hand.model.object import Object
 from drake_hand.planning import grasp
 from drake_hand.planning.collision import CLEARANCE_M
 from drake_hand.planning.kernels import hold, stroke, world
 from drake_hand.planning.kernels.pose import log
 from drake_hand.planning.kernels.world import BALANCE, EDGE, END_WORDS, FINGERS, LIMIT, OBJECT
+from drake_hand.planning.state import whole
 from drake_hand.planning.world import load_on_hand
 from tests.contact.plain_rolling import roll
 from tests.planning import small
@@ -33,7 +38,7 @@ ALONG = (turn(25.0), move(0.0, 8.0, 6.0))
 
 def anything(m):
     """A load that any contacts bear."""
-    return m.load._replace(preload=-1e9, min_contacts=0)
+    return m.load._replace(preload=-1e9, min_contacts=0, firmness=-1e12)
 
 
 def carried(m, q0, touching, load_, every=1):
@@ -128,7 +133,7 @@ def test_margins_are_those_of_equilibrium_and_of_counting(pinched):
     N, near = len(q0), small.roomy(m).world
     weighs = equilibrium("quartet", "pencil_r8")
     for load_, asked in (
-        (load_on_hand(weighs, 0), partial(small.margins, weighs)),
+        (load_on_hand(weighs, 0)._replace(firmness=-1e12), partial(small.margins, weighs)),
         (load_on_hand(None, 2), partial(small.counted, min_contacts=2)),
     ):
         margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
@@ -184,7 +189,9 @@ def test_a_stroke_ends_where_its_contacts_hold_no_longer():
     states = grasp.roots(m, waiting("quartet"), every=False, most=False)
     q0, touching = np.stack([x.q for x in states]), np.stack([x.touching for x in states])
     m = small.roomy(m)
-    load_ = m.load._replace(spin_arm=np.zeros(4))  # `margins` knows nothing of pads that are twisted already
+    load_ = m.load._replace(
+        spin_arm=np.zeros(4), firmness=-1e12
+    )  # `margins` knows nothing of pads that are twisted already
     limp = equilibrium("quartet", "cube", preload=0.35)
     limp.torsion_radius = 0.0
     q, length, why, _ = carried(m, q0, touching, load_)
@@ -295,7 +302,7 @@ def test_grasps_that_press_against_limits_hold_less():
     X, q0, touching = at_random(m, "quartet", 1000)
     XX, out = np.repeat(X[None], len(q0), axis=0), np.zeros((2, len(q0), 5))
     p_OP, n_W = np.zeros((2, len(q0), 4, 3))
-    load_ = m.load._replace(compression=0.0)
+    load_ = m.load._replace(compression=0.0, firmness=-1e12)
     for near, margins in zip((small.roomy(m).world, m.world), out, strict=True):
         hold.held_without(near, load_, XX, q0, touching, margins, p_OP, n_W)
     ample, told = np.minimum(out[:, :, 4], hold.COUNTED_MARGIN_N)
@@ -306,3 +313,56 @@ def test_grasps_that_press_against_limits_hold_less():
         room = np.minimum(chains.upper - q0[i], q0[i] - chains.lower) - hold.SERVO_ROOM_RAD
         holding.effort = np.clip(m.load.stiffness * room, hold.LEAST_EFFORT_NM, m.load.effort)
         assert told[i] >= small.margins(holding, sets[i : i + 1])[0] - 1e-6
+
+
+def likely_forces(m, sets, i):
+    """(n, 3) nearest to what contacts are pressed with, friction dearer, and in balance: by Lagrange's multipliers."""
+    holding = equilibrium("quartet", "cube")
+    on = np.flatnonzero(sets.mask[i])
+    press = holding.wanted(m.clearance.hand, sets.J_WP[i : i + 1], sets.n_W[i : i + 1])[0, on]
+    n, arm, k = sets.n_W[i, on], sets.p_WP[i, on] - sets.p_WCom[i], 3 * len(on)
+    cost, grasp_, f0 = np.zeros((k, k)), np.zeros((6, k)), (-press[:, None] * n).ravel()
+    for j in range(len(on)):
+        at = slice(3 * j, 3 * j + 3)
+        cost[at, at] = FRICTION_WEIGHT * np.eye(3) - (FRICTION_WEIGHT - 1) * np.outer(n[j], n[j])
+        grasp_[:3, at], grasp_[3:, at] = np.eye(3), skew(arm[j])
+    load_ = np.append(holding.force_W, np.zeros(3))
+    moved = np.linalg.solve(cost, grasp_.T)
+    f = f0 - moved @ np.linalg.lstsq(grasp_ @ moved, grasp_ @ f0 + load_, rcond=1e-12)[0]
+    out = np.zeros((sets.mask.shape[1], 3))
+    out[on] = f.reshape(-1, 3)
+    return out
+
+
+def test_what_balances_and_gives_way_does_not_hold():
+    """As stiffly as the likely forces tell, by the formulas of a whole path."""
+    m = moves("quartet", "cube", path("quartet", turn(5.0)))
+    X, q0, touching = at_random(m, "quartet", 400)
+    some = touching.sum(axis=1) >= 3
+    q0, touching = q0[some], touching[some]
+    XX, N = np.repeat(X[None], len(q0), axis=0), len(q0)
+    sets, hand = as_sets(m.clearance, XX, q0, touching), m.clearance.hand
+
+    def told(firmness):
+        margins, p_OP, n_W = np.zeros((N, 5)), np.zeros((N, 4, 3)), np.zeros((N, 4, 3))
+        hold.held_without(m.world, m.load._replace(firmness=firmness), XX, q0, touching, margins, p_OP, n_W)
+        return margins[:, 4]
+
+    balanced = np.flatnonzero(told(-1e12) >= 0)
+    assert len(balanced) > 20
+    q = np.stack([whole(hand, q0[i]) for i in balanced])
+    f_W = np.stack([likely_forces(m, sets, i) for i in balanced])
+    press = np.maximum(-np.sum(f_W * sets.n_W[balanced], axis=2), 0.0)
+    pads = twist_stiffness(press, m.load.spin_arm, np.zeros_like(press))
+    poses = np.repeat(np.vstack([X, [0.0, 0.0, 0.0, 1.0]])[None], len(balanced), axis=0)
+    K = hold_stiffness(hand, Object.load("cube"), q, poses, f_W, pads, np.zeros(pads.shape, dtype=bool))
+    softest = np.linalg.eigvalsh(K)[:, 0]
+    asked = float(np.median(softest))
+    near = np.abs(softest - asked) < 1e-3 * asked
+    found = told(asked)[balanced]
+    assert ((found == hold.GIVES_WAY_N) == (softest < asked))[~near].all()
+    firm = softest > 1.001 * hold.COUNTED_FIRMNESS * asked
+    assert (found[firm] == told(-1e12)[balanced][firm]).all()
+    just = (softest > 1.001 * asked) & (softest < 1.999 * asked)
+    assert just.any()
+    assert (found[just] <= hold.COUNTED_MARGIN_N / hold.COUNTED_FIRMNESS + 1e-12).all()

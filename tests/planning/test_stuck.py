@@ -1,11 +1,15 @@
 """Why a search got stuck: what the mode's constraint set says of carrying the object on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from drake_hand.errors import NoPlanFound
 from drake_hand.modes.constraints import contact_name
 from drake_hand.planning.failure import no_plan
-from drake_hand.planning.stuck import carried_on
+from drake_hand.planning.kernels.hold import GIVES_WAY_N
+from drake_hand.planning.stuck import carried_on, stuck
 from tests.planning.small import move, moves, path, roots, scene, turn
 
 HAND, PENCIL = "quartet", "pencil_r8"
@@ -31,3 +35,27 @@ def test_a_contact_that_cannot_follow_is_named_with_its_amount(by_mm):
     assert worst in found.reason
     assert found.evidence.amount > 0.01
     assert (found.evidence.constraint, found.evidence.progress, found.evidence.expansions) == ("reach", 0.5, 7)
+
+
+def test_fingers_that_only_a_firmer_hold_could_spare_are_told_apart():
+    m = moves(HAND, PENCIL, path(HAND, turn(20.0)))
+    for firmness in np.geomspace(1e6, 1.0, 60):
+        soft = replace(m, load=m.load._replace(firmness=firmness))
+        x = replace(roots(m)[0])
+        soft.evaluate([x])
+        if x.margins[-1] >= 0 and (x.margins[:-1][x.touching] == GIVES_WAY_N).all():
+            break
+    x.room = np.zeros(len(x.touching))
+    found = stuck(soft, x, 0.3, 5, "timeout")
+    assert "cannot be lifted while the rest hold (they would balance it, but too softly)" in found.reason
+    assert found.evidence.constraint == "stiffness"
+    assert "the servos' stiffness" in found.reason
+    assert "the object's weight" in found.reason
+    assert "the friction" not in found.reason
+
+
+def test_that_what_balances_is_too_soft_is_the_reason_why_there_is_no_grasp():
+    m = moves(HAND, PENCIL, path(HAND, turn(20.0)))
+    with pytest.raises(NoPlanFound, match="what balances it is too soft to hold it") as e:
+        roots(replace(m, load=m.load._replace(firmness=1e9)))
+    assert e.value.evidence.constraint == "stiffness"

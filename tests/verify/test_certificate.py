@@ -26,7 +26,7 @@ def test_a_good_plan_is_certified(plan, scene, request):
     assert not c.failures
     assert c.worst["slip_mm"].value < 0.01
     assert c.worst["contact_mm"].value < 0.01
-    forces = ("force_margin", "effort_ratio", "balance_ratio")
+    forces = ("force_margin", "effort_ratio", "balance_ratio", "give_mm")
     if plan.task.options.hold == "kinematic":
         assert all(c.worst[name].value is None and c.worst[name].ok for name in forces)
     else:
@@ -148,6 +148,7 @@ def test_the_limits_are_those_that_are_promised():
         "force_margin": 0.0,
         "effort_ratio": 1.0,
         "balance_ratio": 1.0,
+        "give_mm": 0.3,
         "pinch_deg": 5.0,
         "goal_position_mm": 0.1,
         "goal_rotation_deg": 0.1,

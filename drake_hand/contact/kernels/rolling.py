@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import typeof
 
 from drake_hand.compiled import njit
 from drake_hand.contact.chain import FingerKinematics
@@ -70,6 +71,23 @@ def chains(kinematics: list[FingerKinematics]) -> Chains:
         lower=lower,
         upper=upper,
     )
+
+
+def no_fingers() -> Chains:
+    """The arrays of none, of the same types."""
+
+    def floats(*shape: int) -> np.ndarray:
+        return np.zeros(shape)
+
+    ints, flags = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    return Chains(
+        ints, floats(0, 3, 3), floats(0, 3), ints, floats(0), floats(0), flags, floats(0, 3), floats(0), ints,
+        floats(0, 0), floats(0, 0),
+    )  # fmt: skip
+
+
+CHAINS = typeof(no_fingers())
+"""Type of `Chains` for the signatures of kernels."""
 
 
 @njit()

@@ -10,17 +10,19 @@ import numpy as np
 from numba import boolean, float64, int64
 
 from drake_hand.compiled import njit
+from drake_hand.contact.kernels.stiffness import SPRING_ROWS
 from drake_hand.planning.kernels.clear import apart, place
 from drake_hand.planning.kernels.hold import held
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 
 _MORE_N = 1e-6
 """By which margins are followed beyond what matters, so that rounding does not matter."""
-_POOLS = (int64[::1], float64[:, :, :, ::1], float64[:, :, :, ::1], float64[:, :, :, :, ::1])
+_POOLS = (int64[::1], float64[:, :, :, ::1], float64[:, :, :, ::1], float64[:, :, :, :, ::1],
+          float64[:, :, :, :, ::1], float64[:, :, ::1])  # fmt: skip
 
 
 @njit()
-def _take(load, fingers, p, n, J, row, stepped, without, s, mask):
+def _take(load, fingers, p, n, J, spring, press, row, stepped, without, s, mask):
     """Takes the contacts of a row: at the base those that have stepped back (bits), at the end the others."""
     for slot in range(len(fingers)):
         f, e = fingers[slot], 1 - ((stepped >> slot) & 1)
@@ -32,12 +34,16 @@ def _take(load, fingers, p, n, J, row, stepped, without, s, mask):
         if not load.kinematic:
             for j in range(s.JP.shape[2]):
                 s.effort[f, 0, j] = s.effort[f, 1, j] = load.effort[f, j]
+            s.press[f] = press[slot, row[slot], e]
+            for i in range(SPRING_ROWS):
+                for j in range(3):
+                    s.spring[f, i, j] = spring[slot, row[slot], e, i, j]
 
 
 @njit()
-def _margin(w, load, X, fingers, p, n, J, row, stepped, without, s, mask, enough):
+def _margin(w, load, X, fingers, p, n, J, spring, press, row, stepped, without, s, mask, enough):
     """Of a row with some fingers stepped back (bits), without one slot (-1: with all); up to `enough`, see `held`."""
-    _take(load, fingers, p, n, J, row, stepped, without, s, mask)
+    _take(load, fingers, p, n, J, spring, press, row, stepped, without, s, mask)
     return held(w, load, mask, X, s, enough + _MORE_N)
 
 
@@ -60,12 +66,12 @@ def _apart(w, fingers, q, row, s):
 
 
 @njit((WORLD, LOAD, float64[:, ::1], *_POOLS, int64[:, ::1], boolean, float64[::1]))
-def margins_together(w, load, X, fingers, p, n, J, rows, stepped, margin):
+def margins_together(w, load, X, fingers, p, n, J, spring, press, rows, stepped, margin):
     """Writes the margins (R,) of rows (R, slots) of contacts with all fingers at the base, or all at the end."""
     s, mask = scratch(w), np.zeros(len(w.chains.radius), np.bool_)
     everyone = (1 << len(fingers)) - 1 if stepped else 0
     for i in range(len(rows)):
-        margin[i] = _margin(w, load, X, fingers, p, n, J, rows[i], everyone, -1, s, mask, np.inf)
+        margin[i] = _margin(w, load, X, fingers, p, n, J, spring, press, rows[i], everyone, -1, s, mask, np.inf)
 
 
 @njit(
@@ -81,7 +87,7 @@ def margins_together(w, load, X, fingers, p, n, J, rows, stepped, margin):
         int64[:, ::1],
     )
 )
-def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
+def widest(w, load, X, fingers, p, n, J, spring, press, q, rows, least, margin, last):
     """Rates rows of contacts by the least margin on their best order of steps: widest paths over sets of fingers.
 
     Args:
@@ -92,6 +98,8 @@ def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
         p: (S, P, 2, 3) contact points of the pools, at the base and at the end of the stroke.
         n: (S, P, 2, 3) outward normals.
         J: (S, P, 2, 3, m) Jacobians of the tips' material points.
+        spring: (S, P, 2, 13, 3) the contacts' springs ...
+        press: (S, P, 2) ... and what they are pressed with, N; see `steady`.
         q: (S, P, 2, m) postures.
         rows: (R, S) of the pools.
         least: what cannot reach this margin is not followed further.
@@ -109,7 +117,7 @@ def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
         width[:] = -np.inf
         most = np.inf
         for u in (0, everyone):
-            whole[u] = _margin(w, load, X, fingers, p, n, J, row, u, -1, s, mask, most)
+            whole[u] = _margin(w, load, X, fingers, p, n, J, spring, press, row, u, -1, s, mask, most)
             most = whole[0]
             if whole[u] < least:
                 break
@@ -123,11 +131,13 @@ def widest(w, load, X, fingers, p, n, J, q, rows, least, margin, last):
                 v = u | (1 << slot)
                 if v == u or width[u] <= width[v]:
                     continue
-                value = min(width[u], _margin(w, load, X, fingers, p, n, J, row, u, slot, s, mask, width[u]))
+                value = min(
+                    width[u], _margin(w, load, X, fingers, p, n, J, spring, press, row, u, slot, s, mask, width[u])
+                )
                 if value < least or value <= width[v]:
                     continue
                 if np.isnan(whole[v]):
-                    whole[v] = _margin(w, load, X, fingers, p, n, J, row, v, -1, s, mask, width[0])
+                    whole[v] = _margin(w, load, X, fingers, p, n, J, spring, press, row, v, -1, s, mask, width[0])
                 value = min(value, whole[v])
                 if value >= least and value > width[v]:
                     width[v], last[i, v] = value, slot

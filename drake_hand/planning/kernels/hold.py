@@ -15,13 +15,18 @@ from drake_hand.compiled import njit
 from drake_hand.contact.compliance import DAMPING_M
 from drake_hand.contact.kernels.equilibrium import margin
 from drake_hand.contact.kernels.rolling import dexterous, jacobian, least_squares, touch
+from drake_hand.planning.kernels.steady import spring_at, steady
 from drake_hand.planning.kernels.world import LOAD, WORLD, scratch
 from drake_hand.plans.tolerances import TWIST_RAD
 
 COUNTED_MARGIN_N = 0.3
 """Margin up to which more is better, N."""
+COUNTED_FIRMNESS = 3
+"""The same of the stiffness of holds, in times that which is asked for."""
 SERVO_ROOM_RAD = math.radians(0.5)
 """Kept from joint limits by forces, for what else is added to commands."""
+GIVES_WAY_N = -1e-9
+"""Margin of contacts that balance the object, but would not bring it back: they come nearest of those that fail, N."""
 LEAST_EFFORT_NM = 1e-9
 """Of a joint at its limit, Nm: next to none."""
 
@@ -49,6 +54,7 @@ def contact_at(w, load, f, q, X, s):
                 s.effort[f, way, j] = max(min(load.effort[f, j], most), LEAST_EFFORT_NM)
         if not able:
             s.effort[f] = LEAST_EFFORT_NM
+        spring_at(w, load, f, X, at, s)
     return at
 
 
@@ -73,8 +79,8 @@ def twists(w, f, q, before, turned, s):
 def held(w, load, mask, X, s, enough):
     """The margin with which the contacts taken so far hold the object at X (3, 4).
 
-    It is the preload that each of them can be given, less the one wanted, N; kinematically, from 0 to one half the
-    better the normals are opposed, where the contacts are enough, else how many are missing.
+    It is the preload that each of them can be given, less the one wanted, N, or `GIVES_WAY_N`; kinematically, from 0 to
+    one half the better the normals are opposed, where the contacts are enough, else how many are missing.
 
     Of a margin that is more than `enough` only that is told, not how much.
     """
@@ -96,27 +102,36 @@ def held(w, load, mask, X, s, enough):
     com = s.force
     for i in range(3):
         com[i] = X[i, 3] + X[i, 0] * o[0] + X[i, 1] * o[1] + X[i, 2] * o[2]
-    return (
-        margin(
-            s.tableau,
-            s.basis,
-            s.P,
-            s.N,
-            mask,
-            com,
-            load.force_W,
-            load.friction,
-            load.torsion_radius,
-            0.0,
-            s.JP,
-            s.effort,
-            s.drag,
-            s.spin,
-            load.spin_arm,
-            load.preload + enough,
-        )
-        - load.preload
+    found = margin(
+        s.tableau,
+        s.basis,
+        s.P,
+        s.N,
+        mask,
+        com,
+        load.force_W,
+        load.friction,
+        load.torsion_radius,
+        0.0,
+        s.JP,
+        s.effort,
+        s.drag,
+        s.spin,
+        load.spin_arm,
+        load.preload + enough,
     )
+    if found >= load.preload and not steady(w, load, mask, com, s, 1.0):
+        return GIVES_WAY_N
+    return found - load.preload
+
+
+@njit()
+def _as_firm(w, load, mask, found, s):
+    """The margin that `held` found last, or less where contacts hold no more than just; s.force is as it left it."""
+    for times in range(2, COUNTED_FIRMNESS + 1):
+        if not steady(w, load, mask, s.force, s, float(times)):
+            return min(found, COUNTED_MARGIN_N * (times - 1) / COUNTED_FIRMNESS)
+    return found
 
 
 @njit(
@@ -149,6 +164,8 @@ def held_without(w, load, X, q0, touching, margins, p_OP, n_W):
                 for k in range(3):
                     p_OP[i, f, k], n_W[i, f, k] = at[3 + k], at[6 + k]
         margins[i, n] = held(w, load, mask, X[i], s, COUNTED_MARGIN_N)
+        if margins[i, n] > 0.0 and not load.kinematic:
+            margins[i, n] = _as_firm(w, load, mask, margins[i, n], s)
         for f in range(n):
             margins[i, f] = margins[i, n]
             if touching[i, f] and margins[i, n] >= 0.0:

@@ -14,7 +14,8 @@ import numpy as np
 from drake_hand.compiled import njit
 from drake_hand.contact.kernels.equilibrium import workspace
 from drake_hand.contact.kernels.geometry import ShapeArrays, no_shapes
-from drake_hand.contact.kernels.rolling import Chains
+from drake_hand.contact.kernels.rolling import Chains, no_fingers
+from drake_hand.contact.kernels.stiffness import SPRING_ROWS
 from drake_hand.planning.kernels.hulls import Hulls
 
 END, LIMIT, SINGULAR, EDGE, OBJECT, FINGERS, PALM, BALANCE, LANDING, REACH = range(10)
@@ -121,6 +122,14 @@ class Load(NamedTuple):
     """(n, m) of the servos, Nm/rad: near a joint's limit they can be commanded no farther off to press."""
     compression: float
     """Of pads at the preload, m: tips are commanded so much farther in."""
+    pad_yield: float
+    """Of fingertips along the normal, m/N."""
+    pose_error: float
+    """Error of the object's pose that contacts are pressed against, m ..."""
+    least_press: float
+    """... and the normal force that they are pressed with at least, N."""
+    firmness: float
+    """Least stiffness of a hold, N/m."""
 
 
 class Seeds(NamedTuple):
@@ -167,6 +176,14 @@ class Scratch(NamedTuple):
     tableau: np.ndarray
     basis: np.ndarray
     force: np.ndarray
+    spring: np.ndarray
+    """(n, 13, 3) of contacts; see `contact.kernels.stiffness`."""
+    press: np.ndarray
+    """(n,) what they are pressed with, N ..."""
+    push: np.ndarray
+    """(n, 3) ... and the forces that come of it, N."""
+    K: np.ndarray
+    wrench: np.ndarray
 
 
 @njit(allocates=True)
@@ -200,6 +217,11 @@ def scratch(w):
         tableau,
         basis,
         np.zeros(3),
+        np.zeros((n, SPRING_ROWS, 3)),
+        np.zeros(n),
+        np.zeros((n, 3)),
+        np.zeros((6, 6)),
+        np.zeros(6),
     )
 
 
@@ -210,18 +232,14 @@ def _types() -> tuple[numba.types.Type, ...]:
         return np.zeros(shape)
 
     ints, flags = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    chains = Chains(
-        ints, floats(0, 3, 3), floats(0, 3), ints, floats(0), floats(0), flags, floats(0, 3), floats(0), ints,
-        floats(0, 0), floats(0, 0),
-    )  # fmt: skip
     hulls = Hulls(ints, floats(0, 3), floats(0))
     cover = Cover(
         ints, ints, floats(0, 3), floats(0), flags, ints, floats(0, 3), floats(0), ints, hulls,
         np.zeros((0, 0), dtype=np.bool_),
     )  # fmt: skip
     table = TableArrays(floats(3), 0.0, floats(0, 8))
-    world = World(chains, no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
-    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0), floats(0, 0), 0.0)
+    world = World(no_fingers(), no_shapes(), hulls, no_shapes(), hulls, table, cover, floats(3), 0.0, 0.0, False, 0)
+    load = Load(False, 0, floats(3), 0.0, 0.0, 0.0, floats(0), 0.0, 0.0, floats(0, 0), floats(0, 0), *(0.0,) * 5)
     seeds = Seeds(floats(3), 0.0, ints, floats(0, 0, 0, 0, 0))
     return tuple(numba.typeof(x) for x in (world, load, seeds))
 
