@@ -11,6 +11,7 @@ import pytest
 from drake_hand.contact.contact_sets import ContactSets
 from drake_hand.planning import gait
 from drake_hand.planning.collision import CLEARANCE_M
+from drake_hand.planning.kernels import hold
 from drake_hand.planning.world import load_on_hand
 from tests.planning.small import equilibrium, margins, moves, path, table, turn, waiting
 
@@ -162,3 +163,26 @@ def test_improving_gaits_is_given_up_where_none_holds(reach, monkeypatch, margin
     found = list(gait.find(reach, [FINGERS], bears, every, rng, enough=0.1, strokes=(STROKE,), starts=4))
     assert len(climbed) == improved
     assert [x.margin for x in found] == sorted((x for x in margins[:improved] if x >= 0), reverse=True)
+
+
+@pytest.mark.parametrize("stepped", [False, True])
+def test_rows_of_contacts_give_way_where_states_do(reach, gaits, stepped):
+    """All fingers at the base, or at the end of the stroke; a cylinder that turns about its axis is where it was."""
+    pools = [[one.spans[slot] for one in gaits] for slot in range(4)]
+    rows = np.array(list(itertools.product(range(len(gaits)), repeat=4)))[:300]
+    age = 0 if stepped else STROKE
+    q = np.stack([[pools[slot][j].q[age] for slot, j in enumerate(row)] for row in rows])
+    order = np.argsort([h.finger for h in gaits[0].spans])
+    X = np.repeat(np.ascontiguousarray(reach.path.X_WO[0, :3])[None], len(rows), axis=0)
+    touching, n = np.ones((len(rows), 4), dtype=bool), len(rows)
+    fingers = tuple(h.finger for h in gaits[0].spans)
+    bears = load_on_hand(equilibrium("quartet", "cylinder"), 2)
+    outcomes = set()
+    for firmness in np.geomspace(1e2, 1e5, 12):
+        asked = bears._replace(firmness=firmness)
+        margins_, p_OP, n_W = np.zeros((n, 5)), np.zeros((n, 4, 3)), np.zeros((n, 4, 3))
+        hold.held_without(reach.world, asked, X, np.ascontiguousarray(q[:, order]), touching, margins_, p_OP, n_W)
+        told = gait._Rating(reach, fingers, asked, pools, STROKE)._together(rows, stepped)
+        np.testing.assert_array_equal(told == hold.GIVES_WAY_N, margins_[:, 4] == hold.GIVES_WAY_N)
+        outcomes |= set((told == hold.GIVES_WAY_N).tolist())
+    assert outcomes == {False, True}
