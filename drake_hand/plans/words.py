@@ -64,7 +64,7 @@ _FIELDS = {
     "force_margin": _Field("friction cone left", "%", 100.0, least=True),
     "effort_ratio": _Field("joint torque", "%", 100.0),
     "balance_ratio": _Field("unbalanced, of what is tolerated", "%", 100.0),
-    "give_mm": _Field("gives way under 2 % of the weight", "mm"),
+    "give_mm": _Field("gives way, 2 % of weight", "mm"),
     "contacts": _Field("fingers that hold", least=True),
     "goal_position_mm": _Field("off the goal, position", "mm"),
     "goal_rotation_deg": _Field("off the goal, rotation", "deg"),

@@ -23,7 +23,7 @@ from drake_hand.planning.kernels.hold import SERVO_ROOM_RAD
 from drake_hand.planning.legs import LegBuilder
 from drake_hand.planning.transit import Surroundings, lift_off
 from drake_hand.plans.path import Leg
-from drake_hand.plans.tolerances import STANDARD_GRAVITY, TORQUE_LENGTH_M
+from drake_hand.plans.tolerances import STANDARD_GRAVITY, TOLERANCES, TORQUE_LENGTH_M
 from tests.planning.small import UP, contact, equilibrium, scene, table, turn
 
 
@@ -101,6 +101,12 @@ def test_a_hold_that_would_give_way_is_refused(legs, monkeypatch):
     monkeypatch.setattr(force_plan, "hold_stiffness", lambda *args: -stiff(*args))
     with pytest.raises(NoPlanFound, match="would fall"):
         add_forces(legs, there, gravity, holding)
+
+
+def test_plans_are_searched_with_holds_stiffer_than_what_is_certified():
+    holding = equilibrium("quartet", "pencil_r8")
+    certified = 0.02 * holding.weight / (TOLERANCES["give_mm"] * 1e-3)
+    assert holding.firmness == pytest.approx(1.25 * certified)
 
 
 def test_forces_rise_from_nothing_after_make_and_fade_to_nothing_before_break(regrasped):
