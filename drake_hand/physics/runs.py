@@ -209,10 +209,12 @@ def in_processes(
                 futures[pool.submit(_one, run, change, seed, i)] = i
         waiting = set(futures)
         while waiting:
-            finished, waiting = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
-            for future in finished:
-                shares[futures[future]] = 1.0
-                yield futures[future], future.result(), sum(shares)
+            with _heard_afterwards():
+                finished, waiting = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+                found = [(futures[future], future.result()) for future in finished]
+            for i, what in found:
+                shares[i] = 1.0
+                yield i, what, sum(shares)
             yield 0, None, sum(shares)
     except BrokenProcessPool as e:
         guard = 'does the script that calls simulate() lack `if __name__ == "__main__":`?'
@@ -247,23 +249,30 @@ def undisturbed() -> Iterator[None]:
 
 
 @contextmanager
+def _heard_afterwards() -> Iterator[None]:
+    """Ctrl-C is heard at the end: raised while a lock is taken, it would leave it so, and others waiting for it."""
+    pressed: list[int] = []
+    try:
+        with _interrupts_to(lambda number, _: pressed.append(number)):
+            yield
+    finally:
+        if pressed:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
 def _deaf_children() -> Iterator[None]:
     """Processes started within never receive Ctrl-C: their parent does, and ends them.
 
     Their parent hears it when all are started: half of a process belongs to nobody who could end it. The mask is for
     the children alone: a thread without one takes the signal, and it is raised in the main thread all the same.
     """
-    pressed: list[int] = []
-    try:
-        with _interrupts_to(lambda number, _: pressed.append(number)):
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                yield
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    finally:
-        if pressed:
-            signal.raise_signal(signal.SIGINT)
+    with _heard_afterwards():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _shares: Any = None

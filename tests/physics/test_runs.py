@@ -13,6 +13,7 @@ from drake_hand import cli
 from drake_hand.errors import InputError
 from drake_hand.feedback.correction import LINGER_S
 from drake_hand.feedback.sensor import PoseSensor
+from drake_hand.physics import runs
 from drake_hand.physics.replay import replay
 from drake_hand.physics.runs import simulate
 from tests.feedback.test_correction import certified
@@ -124,3 +125,17 @@ def test_without_mujoco_it_says_what_to_install(monkeypatch):
     with pytest.raises(InputError, match="not installed") as e:
         replay(held_plan(), engine="mujoco")
     assert e.value.expected == "pip install 'drake_hand[mujoco]'"
+
+
+def test_ctrl_c_is_heard_once_no_lock_is_held():
+    """Raised inside `wait` it left a future locked, and a process that waited for it for ever."""
+    reached = []
+
+    def wait():
+        with runs._heard_afterwards():
+            signal.raise_signal(signal.SIGINT)
+            reached.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        wait()
+    assert reached
