@@ -253,9 +253,9 @@ def _gives_way(
     """The error that a hold is too soft, naming the knot (n,) where it is softest."""
     j = int(softest.argmin())
     share = softest[j] / least_stiffness(holding.weight)
-    what = f"the object would give way: the hold has {share:.0%} of the stiffness it needs" if share > 0 else (
-        "the object would fall: what the fingers do to it drives it on where it moves a little"
-    )  # fmt: skip
+    what = f"the object would give way: the hold has {share:.0%} of the stiffness it needs"
+    if share <= 0:
+        what = "the object would fall: what the fingers do to it drives it on where it moves a little"
     return no_plan(what, mode=_leg_at(j, legs, starts).mode, constraint="stiffness", X_WO=X_WO[j])
 
 
