@@ -50,8 +50,9 @@ ContactKind = Literal["hydroelastic", "point"]
 DRAKE_STEP_S: dict[ContactKind, float] = {"hydroelastic": 5.0e-3, "point": 2.5e-3}
 """Time step, s. With 1 ms, plans end where they do with these, and take four times as long; a pad whose whole stiffness
 is in one point yields too much with more."""
-_PAD_MESH_M = 2.0e-3
-"""Edge length of a fingertip's hydroelastic mesh, m."""
+_PAD_MESH_M = 1.0e-3
+"""Edge length of a fingertip's hydroelastic mesh, m: less than the millimetre or two that a pad touches over. Of twice
+the length, contacts roll over facets, and presses go up and down by 0.1 N."""
 _SIDES, _SIDES_ON_TABLE = 32, 128
 """Of the polyhedron that represents a round object; on a table it rolls onto one of them."""
 _OBJECT_STIFFNESS_N_M = 1.0e7
