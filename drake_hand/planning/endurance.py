@@ -1,7 +1,8 @@
 """How long contacts could last from a start pose: those where they do for long are searched first.
 
-A finger that opposes all others can never be lifted, so that the object gets hardly farther than its contact lasts.
-To ask how long the contacts of single fingers last takes a fraction of the time that it takes to find grasps.
+A finger that opposes all others can never be lifted, so that the object gets hardly farther than its contact lasts. And
+of a heavy object fingers can bear but a part each, and that only where their joints have short levers. To ask both of
+the contacts of single fingers takes a fraction of the time that it takes to find grasps.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from drake_hand.planning.bearing import AMPLE_BEARING, bearing
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.start import OPPOSITE_COS
@@ -42,20 +44,22 @@ def endurance(moves: Moves) -> float:
         moves: whose fingers may touch.
 
     Returns:
-        In shares of the path; a little more for each finger.
+        In shares of the path; a little more for each finger, and less where they hardly bear the object.
     """
     X = np.ascontiguousarray(moves.path.X_WO[0, :3])
-    lasting, normals = {}, {}
+    lasting, normals, borne = {}, {}, 0.0
     for f in sorted(moves.fingers):
         q, n_W = _some_contacts(moves, f, X)
         if len(q):
             lasting[f], normals[f] = moves.enduring(np.full(len(q), f), q), n_W
+            borne += float(bearing(moves, f, q, n_W).max())
     together = 0.0
     for a, b in itertools.combinations(lasting, 2):
         opposite = normals[a] @ normals[b].T < OPPOSITE_COS
         both = np.minimum(lasting[a][:, None], lasting[b])
         together = max(together, float(both[opposite].max(initial=0.0)))
-    return together + EACH_FINGER_SHARE * float(sum(x.max() for x in lasting.values()))
+    worth = together + EACH_FINGER_SHARE * float(sum(x.max() for x in lasting.values()))
+    return worth * min(borne / AMPLE_BEARING, 1.0)
 
 
 def _some_contacts(moves: Moves, finger: int, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

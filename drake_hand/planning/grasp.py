@@ -13,6 +13,7 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.model.table import TABLE_TOUCH_M
+from drake_hand.planning.bearing import AMPLE_BEARING, bearing
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
@@ -27,8 +28,8 @@ SETS_DRAWN = 3000
 TOUCH_CHANCE = 0.85
 """Chance that a finger takes part in one, where the task does not say which do."""
 SETS_EXAMINED, SETS_EXPLAINED = 300, 20
-"""Of those that hold, or come nearest to it where none does, how many are looked at more closely; and of how many it is
-said what they collide with."""
+"""Of those that hold how many are looked at more closely; and of how many that come nearest to it it is said what they
+lack, or collide with."""
 FIRM_FINGERS = 3
 """So many hold an object firmly: between two it turns about the line through both, but for the torsion of their pads.
 Fingers with contacts that last to the end make a grasp by themselves if they are as many."""
@@ -40,6 +41,8 @@ LASTING_SCORE = 3.0
 """What it counts for that none of their fingers has to let go on the path, or none that they cannot spare."""
 HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
+BORNE_SHARE = 0.9
+"""Of the weight, what the contacts of a set have to bear together for it to be looked at, as `bearing` counts it."""
 ROOT_GRASPS = 60
 """Of those, how many a search starts from."""
 
@@ -85,25 +88,29 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
         name = None if finger is None else hand.fingers[finger].name
         return no_plan(what, mode=code(hand, fingers), constraint=constraint, finger=name, X_WO=moves.path.X_WO[0])
 
-    reached = {f: moves.contacts(f, X)[0] for f in fingers}
+    reached, borne = {}, {}
+    for f in fingers:
+        reached[f], _, n_W = moves.contacts(f, X)
+        borne[f] = bearing(moves, f, reached[f], n_W)
     unable = [f for f in fingers if not len(reached[f])]
     if unable and (every or len(unable) == len(fingers)):
         names, why = ", ".join(hand.fingers[f].name for f in unable), moves.out_of_reach(unable[0], X)
         raise fail(f"{names} cannot touch the object anywhere ({why})", why, unable[0])
-    posture, touching, lasts = _drawn(moves, q, reached, every)
+    posture, touching, lasts, bear = _drawn(moves, q, reached, borne, every)
     modes = {tuple(row) for row in np.unique(touching, axis=0).tolist()}
     able = {row: moves.allowed(frozenset(np.flatnonzero(row).tolist())) for row in modes}
     some = np.array([able[tuple(row)] for row in touching.tolist()])
     if not some.any():
         raise fail("a grasp needs a mode that options.modes leaves out", "modes")
+    some &= (bear >= BORNE_SHARE) | (bear >= np.sort(bear)[-SETS_EXAMINED])
     posture, touching, lasts = posture[some], touching[some], lasts[some]
     margins = _margins(moves, moves.load, X, posture, touching)
     held = np.flatnonzero(margins[:, -1] >= 0)
     if not len(held):
-        some = np.argsort(-margins[:, -1], kind="stable")[:SETS_EXAMINED]
+        some = np.argsort(-margins[:, -1], kind="stable")[:SETS_EXPLAINED]
         what, constraint = _short_of(moves, X, posture[some], touching[some], float(margins[some[0], -1]))
         besides = "".join(f"; {hand.fingers[f].name} cannot touch it ({moves.out_of_reach(f, X)})" for f in unable)
-        raise fail(f"none of {len(posture)} sets of contacts balances the object: {what}{besides}", constraint)
+        raise fail(f"none of {SETS_DRAWN} sets of contacts balances the object: {what}{besides}", constraint)
     margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTED_MARGIN_N)
     value = (margins[held, :-1] >= 0).sum(axis=1) + margin + LASTING_SCORE * lasts[held]
     value = value + (10.0 * touching[held].sum(axis=1) if most else 0.0)
@@ -168,23 +175,26 @@ def _handed_over(
 
 
 def _drawn(
-    moves: Moves, q: np.ndarray, reached: dict[int, np.ndarray], every: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    moves: Moves, q: np.ndarray, reached: dict[int, np.ndarray], borne: dict[int, np.ndarray], every: bool
+) -> tuple[np.ndarray, ...]:
     """Sets of contacts at random, of those within reach of each finger.
 
-    Half of them do without a regrasp, where enough fingers have contacts that last.
+    Half of them do without a regrasp, where enough fingers have contacts that last. Of a heavy object they are those
+    that bear more of its weight.
 
     Returns:
-        Postures (N, n, m), who touches (N, n), and the share of the path for which all of them last (N,).
+        Postures (N, n, m), who touches (N, n), and of each set the share of the path for which all of it lasts and how
+        much of the weight its contacts can bear at most (N,).
     """
     rng = moves.rng
     posture, touching = np.repeat(q[None], SETS_DRAWN, axis=0), np.zeros((SETS_DRAWN, len(q)), dtype=bool)
-    lasts = np.ones(SETS_DRAWN)
+    lasts, bear = np.ones(SETS_DRAWN), np.zeros(SETS_DRAWN)
     lasting = {f: moves.enduring(np.full(len(c), f), c) for f, c in reached.items() if len(c)}
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
     enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, FIRM_FINGERS)
+    short = sum(borne[f].max() for f in lasting) < AMPLE_BEARING
     for f, share in lasting.items():
-        weight = share + 0.05
+        weight = (share + 0.05) * (borne[f] + 0.05 if short else 1.0)
         pick = rng.choice(len(share), SETS_DRAWN, p=weight / weight.sum())
         on = rng.random(SETS_DRAWN) < (1.0 if every else TOUCH_CHANCE)
         if enough and f in enduring:
@@ -193,7 +203,8 @@ def _drawn(
             on[::2] = False
         posture[on, f], touching[on, f] = reached[f][pick[on]], True
         lasts[on] = np.minimum(lasts[on], share[pick[on]])
-    return posture, touching, lasts
+        bear[on] += borne[f][pick[on]]
+    return posture, touching, lasts, bear
 
 
 def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touching: np.ndarray) -> np.ndarray:

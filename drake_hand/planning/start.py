@@ -152,12 +152,19 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     return [found[k][1] for k in order[:POSES_OFFERED]]
 
 
-def close_by(task: Task, clearance: Clearance, rng: np.random.Generator) -> Task:
-    """The task with a start pose close to its own; its own, where the object lies in no other."""
+def close_by(task: Task, clearance: Clearance, rng: np.random.Generator, share: float = 1.0) -> Task:
+    """The task with a start pose close to its own; its own, where the object lies in no other.
+
+    Args:
+        task: with its start.
+        clearance: of the scene.
+        rng: for sampling.
+        share: of how far one is from another.
+    """
     assert isinstance(task.start, Pose)
     X = pose(task.start)
-    X[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, BESIDE_RAD, 3)).as_matrix() @ X[:3, :3]
-    X[:3, 3] += rng.normal(0.0, BESIDE_M, 3)
+    X[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, share * BESIDE_RAD, 3)).as_matrix() @ X[:3, :3]
+    X[:3, 3] += rng.normal(0.0, share * BESIDE_M, 3)
     lies = laid(clearance, clearance.surface.sample(_SPACING_M)[1], X)
     return task if lies is None else msgspec.structs.replace(task, start=_rounded(lies, clearance))
 

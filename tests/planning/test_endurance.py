@@ -8,9 +8,14 @@ import pytest
 from drake_hand.planning import endurance as endurance_
 from drake_hand.planning.endurance import EACH_FINGER_SHARE, ENOUGH_CONTACTS, endurance, most_enduring_first
 from drake_hand.planning.object_path import ObjectPath
-from tests.planning.small import moves, path, turn
+from tests.planning.small import equilibrium, moves, path, turn
 
 FINGERS = 4
+KINEMATIC = {
+    "load": SimpleNamespace(kinematic=True, force_W=np.zeros(3)),
+    "clearance": SimpleNamespace(hand=SimpleNamespace(fingers=[SimpleNamespace(columns=[0])] * 2)),
+}
+"""Of mere contacts: there is nothing to bear."""
 
 
 def of(angle_deg: float) -> float:
@@ -45,6 +50,7 @@ def test_a_pair_lasts_as_long_as_the_shorter_of_two_on_opposite_sides(normals, t
         path=SimpleNamespace(X_WO=np.eye(4)[None]),
         contacts=lambda f, X, some: (lasts[f][some, None], None, normal[f][some]),
         enduring=lambda finger, q: q[:, 0],
+        **KINEMATIC,
     )
     assert endurance(some) == pytest.approx(together + EACH_FINGER_SHARE * 0.9)
 
@@ -59,11 +65,21 @@ def test_of_hundreds_of_contacts_some_from_all_over_the_object_are_asked_of_few_
         path=SimpleNamespace(X_WO=np.eye(4)[None]),
         contacts=lambda f, X, rows: (points[rows, None], None, np.repeat(up, len(points[rows]), axis=0)),
         enduring=lambda finger, q: asked.append(q[:, 0]) or np.ones(len(q)),
+        **KINEMATIC,
     )
     endurance(some)
     assert fewest <= len(asked[0]) <= most
     assert np.diff(np.sort(asked[0])).max() < reached / 50 + 1, "spread"
     assert asked[0].max() > 0.97 * (reached - 1)
+
+
+def test_what_the_fingers_hardly_bear_comes_later():
+    def weighing(kg: float) -> float:
+        holding = equilibrium("quartet", "cube", mass=kg)
+        return endurance(moves("quartet", "cube", path("quartet", turn(30.0)), holding))
+
+    assert weighing(0.02) == weighing(0.04) > weighing(2.0) > weighing(4.0) > 0.0
+    assert weighing(4.0) == pytest.approx(weighing(2.0) / 2)
 
 
 def test_out_of_reach_nothing_lasts():

@@ -215,6 +215,17 @@ def test_of_three_starts_one_is_beside_that_whose_grasp_nearly_lasts_the_others_
     assert beside == [0, 10, 0, 10]
 
 
+def test_beside_the_farthest_starts_are_nearer_than_beside_others(monkeypatch):
+    more, _, _ = further(monkeypatch, {0: 0.5}, {}, {}, offered=0, reached={0: 0.2, 99: 0.3})
+    shares: list[float] = []
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng, share: shares.append(share) or 99)
+    numbers(more, 30)
+    assert shares[2::3] == [1.0] * 10, "beside that whose grasp nearly lasts"
+    near = [share for k, share in enumerate(shares) if k % 3 != 2]
+    assert 0.5**attempts_.MOST_HALVINGS <= min(near) < 0.25
+    assert 0.5 < max(near) < 1.0
+
+
 def test_starts_join_that_are_among_the_most_promising_so_far(monkeypatch):
     """Two are; several are tried beside a round."""
     promise = {0: 1.0, 1: 0.5, 2: 0.4, 4: 0.9, 5: 0.8, 6: 1.1, 7: 1.0, 8: 0.95}
@@ -331,7 +342,7 @@ def test_a_start_beside_without_a_grasp_is_passed_over(monkeypatch):
         raise NoPlanFound("out of reach")
 
     monkeypatch.setattr(attempts_, "from_start", none)
-    monkeypatch.setattr(attempts_.start, "close_by", lambda task, clearance, rng: task)
+    monkeypatch.setattr(attempts_.start, "close_by", lambda task, *_: task)
     assert attempts_.starts_beside(problem_of("auto"), [first], Grasp(), [], []) == []
 
 

@@ -123,6 +123,8 @@ def test_a_start_beside_is_close_but_another(clearance):
     assert np.abs(p).max() < 25.0
     assert np.radians(5.0) < np.mean(turned) < np.radians(35.0)
     assert close_by(task, clearance, np.random.default_rng(3)) == some[3]
+    near = [close_by(task, clearance, np.random.default_rng(k), 0.25) for k in range(40)]
+    assert np.array([x.start.xyz_mm for x in near]).std() == pytest.approx(p.std() / 4, rel=0.1), "rounded to 1 mm"
 
 
 def test_the_path_says_which_palm_it_is_for():
