@@ -33,7 +33,7 @@ STARTS_BESIDE, NEARLY_LASTING_SHARE = 12, 0.4
 lasts for this share of the motion."""
 BESIDE_AT_ONCE = 2
 """Of them, so many are beside the same one."""
-MOST_HALVINGS = 3.0
+MOST_HALVINGS = 3
 """How often at most the way to a start beside that whose search got farthest is halved: from most so near, searches get
 as far, and from some farther."""
 OFFERED_A_ROUND = 2
@@ -255,7 +255,7 @@ def further_starts(
         bests = [x for x in (farthest, staying, farthest, lasting) if x is not None]
         if bests:
             best = bests[k % len(bests)]
-            share = 0.5 ** rng.uniform(0.0, MOST_HALVINGS) if best is farthest else 1.0
+            share = 0.5 ** rng.uniform(0, MOST_HALVINGS) if best is farthest else 1.0
             some.append(start.close_by(best.task, problem.clearance, rng, share))
             sure.append(best is farthest)
         if not some:

@@ -11,10 +11,10 @@ import numpy as np
 from drake_hand.contact.chain import material_jacobian
 from drake_hand.planning.moves import Moves
 
-AMPLE_BEARING = 2.5
+AMPLE_BEARING_RATIO = 2.5
 """So many times the object's weight the best contacts of all fingers together have to bear for none to be short of it:
 each of them is at its best elsewhere, and they also have to balance torques."""
-DIRECTIONS, STEEPNESS = 8, (0.5, 1.0)
+DIRECTIONS, FRICTION_SHARES = 8, (0.5, 1.0)
 """Of forces looked at: so many all round, at these shares of the friction there is; and the normal."""
 _LEAST_TORQUE_M = 1e-6
 """Lever of a force that a servo does not feel, m."""
@@ -41,7 +41,9 @@ def bearing(moves: Moves, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.nda
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     around = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
     edge = np.cos(around)[:, None] * a[:, None] + np.sin(around)[:, None] * np.cross(n_W, a)[:, None]
-    f_W = -n_W[:, None] + np.concatenate([0.0 * edge[:, :1], *(share * load.friction * edge for share in STEEPNESS)], 1)
+    f_W = -n_W[:, None] + np.concatenate(
+        [0.0 * edge[:, :1], *(share * load.friction * edge for share in FRICTION_SHARES)], 1
+    )
     torque = np.abs(f_W @ material_jacobian(J, Jw, f.radius * n_W))
     most = (load.effort[finger, :m] / np.maximum(torque, _LEAST_TORQUE_M)).min(axis=2)
     return np.maximum((most * (f_W @ -load.force_W)).max(axis=1, initial=0.0) / weight**2, 0.0)

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from drake_hand.planning.bearing import AMPLE_BEARING, bearing
+from drake_hand.planning.bearing import AMPLE_BEARING_RATIO, bearing
 from drake_hand.planning.moves import Moves
 from drake_hand.planning.problem import Problem
 from drake_hand.planning.start import OPPOSITE_COS
@@ -59,7 +59,7 @@ def endurance(moves: Moves) -> float:
         both = np.minimum(lasting[a][:, None], lasting[b])
         together = max(together, float(both[opposite].max(initial=0.0)))
     worth = together + EACH_FINGER_SHARE * float(sum(x.max() for x in lasting.values()))
-    return worth * min(borne / AMPLE_BEARING, 1.0)
+    return worth * min(borne / AMPLE_BEARING_RATIO, 1.0)
 
 
 def _some_contacts(moves: Moves, finger: int, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

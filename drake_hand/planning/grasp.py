@@ -13,7 +13,7 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.model.table import TABLE_TOUCH_M
-from drake_hand.planning.bearing import AMPLE_BEARING, bearing
+from drake_hand.planning.bearing import AMPLE_BEARING_RATIO, bearing
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
@@ -192,7 +192,7 @@ def _drawn(
     lasting = {f: moves.enduring(np.full(len(c), f), c) for f, c in reached.items() if len(c)}
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
     enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, FIRM_FINGERS)
-    short = sum(borne[f].max() for f in lasting) < AMPLE_BEARING
+    short = sum(borne[f].max() for f in lasting) < AMPLE_BEARING_RATIO
     for f, share in lasting.items():
         weight = (share + 0.05) * (borne[f] + 0.05 if short else 1.0)
         pick = rng.choice(len(share), SETS_DRAWN, p=weight / weight.sum())

@@ -82,7 +82,7 @@ def test_sets_that_cannot_bear_the_weight_are_not_asked_whether_they_balance_it(
 
 def test_of_what_fingers_can_just_hold_contacts_are_drawn_that_bear_more(margins, monkeypatch):
     def held(ample: float) -> int:
-        monkeypatch.setattr(grasp, "AMPLE_BEARING", ample)
+        monkeypatch.setattr(grasp, "AMPLE_BEARING_RATIO", ample)
         margins.clear()
         roots(of(0.7, "sphere"))
         return int((margins[0] >= 0).sum())
