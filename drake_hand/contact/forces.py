@@ -228,10 +228,15 @@ class _Contacts:
     @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
         """Two (A, 3) unit tangents of every contact."""
-        e = np.eye(3)[np.argmin(np.abs(self.normal), axis=1)]
-        t1 = np.cross(e, self.normal)
-        t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-        return t1, np.cross(self.normal, t1)
+        return tangents_to(self.normal)
+
+
+def tangents_to(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit tangents (N, 3) each, any, that with unit normals (N, 3) are orthogonal."""
+    e = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    t1 = np.cross(e, normal)
+    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+    return t1, np.cross(normal, t1)
 
 
 def _balance(program: ConeProgram, c: _Contacts) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_hand.contact.chain import material_jacobian
+from drake_hand.contact.forces import tangents_to
 from drake_hand.planning.moves import Moves
 
 AMPLE_BEARING_RATIO = 2.5
@@ -37,13 +38,10 @@ def bearing(moves: Moves, finger: int, q: np.ndarray, n_W: np.ndarray) -> np.nda
     if load.kinematic or weight == 0.0:
         return np.full(len(q), np.inf)
     _, _, J, Jw = moves.clearance.kinematics[finger].jacobian(q[:, :m])
-    a = np.cross(n_W, np.eye(3)[np.abs(n_W).argmin(axis=1)])
-    a /= np.linalg.norm(a, axis=1, keepdims=True)
     around = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
-    edge = np.cos(around)[:, None] * a[:, None] + np.sin(around)[:, None] * np.cross(n_W, a)[:, None]
-    f_W = -n_W[:, None] + np.concatenate(
-        [0.0 * edge[:, :1], *(share * load.friction * edge for share in FRICTION_SHARES)], 1
-    )
+    circle = load.friction * np.stack([np.cos(around), np.sin(around)], axis=1)
+    sideways = np.concatenate([np.zeros((1, 2)), *(share * circle for share in FRICTION_SHARES)])
+    f_W = -n_W[:, None] + sideways @ np.stack(tangents_to(n_W), axis=1)
     torque = np.abs(f_W @ material_jacobian(J, Jw, f.radius * n_W))
     most = (load.effort[finger, :m] / np.maximum(torque, _LEAST_TORQUE_M)).min(axis=2)
     return np.maximum((most * (f_W @ -load.force_W)).max(axis=1, initial=0.0) / weight**2, 0.0)
