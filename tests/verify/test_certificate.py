@@ -148,7 +148,7 @@ def test_the_limits_are_those_that_are_promised():
         "force_margin": 0.0,
         "effort_ratio": 1.0,
         "balance_ratio": 1.0,
-        "give_mm": 0.3,
+        "give_mm": 0.2,
         "pinch_deg": 5.0,
         "goal_position_mm": 0.1,
         "goal_rotation_deg": 0.1,
