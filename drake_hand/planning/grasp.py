@@ -108,7 +108,7 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     held = np.flatnonzero(margins[:, -1] >= 0)
     if not len(held):
         some = np.argsort(-margins[:, -1], kind="stable")[:SETS_EXPLAINED]
-        what, constraint = _short_of(moves, X, posture[some], touching[some], float(margins[some[0], -1]))
+        what, constraint = short_of(moves, X, posture[some], touching[some], float(margins[some[0], -1]))
         besides = "".join(f"; {hand.fingers[f].name} cannot touch it ({moves.out_of_reach(f, X)})" for f in unable)
         raise fail(f"none of {SETS_DRAWN} sets of contacts balances the object: {what}{besides}", constraint)
     margin = margins[held, -1] if moves.load.kinematic else np.minimum(margins[held, -1], hold.COUNTED_MARGIN_N)
@@ -148,6 +148,36 @@ def staying(moves: Moves, grasps: list[Node]) -> np.ndarray:
     q = np.stack([x.q for x in grasps])[row, finger]
     np.minimum.at(out, row, moves.enduring(finger, q))
     return out
+
+
+def short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, best: float) -> tuple[str, str]:
+    """What sets of contacts (N, n, m) lack that do not balance the object at X (3, 4), in words and as a constraint.
+
+    `best` is the largest of their margins, N; `touching` (N, n) says who touches.
+    """
+    load = moves.load
+    least = f"at best {-best:.2g} N are missing"
+    if touching.sum(axis=1).max() < load.min_contacts:
+        return f"{load.min_contacts} fingers have to touch, {touching.sum(axis=1).max()} can", "contacts"
+    if load.kinematic:
+        return least, "balance"
+    if best == hold.NO_HOLD_N:
+        return "a fingertip can hardly be moved in some direction", "singular"
+    load = load._replace(firmness=ANY_FIRMNESS_N_M)
+    if (_margins(moves, load, X, posture, touching)[:, -1] >= 0).any():
+        return "what balances it is too soft to hold it", "stiffness"
+    eased = (
+        ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
+        (
+            f"the joints' efforts are too small for a weight of {np.linalg.norm(load.force_W):.3g} N",
+            "effort",
+            load._replace(effort=AMPLE_EFFORT_RATIO * load.effort),
+        ),
+    )
+    for words, constraint, other in eased:
+        if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():
+            return f"{words} ({least})", constraint
+    return least, "balance"
 
 
 def _handed_over(
@@ -218,31 +248,6 @@ def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touch
 
     split(run, N)
     return margins
-
-
-def _short_of(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray, best: float) -> tuple[str, str]:
-    """What sets of contacts lack that do not balance the object, in words and as a constraint."""
-    load = moves.load
-    least = f"at best {-best:.2g} N are missing"
-    if touching.sum(axis=1).max() < load.min_contacts:
-        return f"{load.min_contacts} fingers have to touch, {touching.sum(axis=1).max()} can", "contacts"
-    if load.kinematic:
-        return least, "balance"
-    load = load._replace(firmness=ANY_FIRMNESS_N_M)
-    if (_margins(moves, load, X, posture, touching)[:, -1] >= 0).any():
-        return "what balances it is too soft to hold it", "stiffness"
-    eased = (
-        ("friction is too low", "friction", load._replace(friction=AMPLE_FRICTION)),
-        (
-            f"the joints' efforts are too small for a weight of {np.linalg.norm(load.force_W):.3g} N",
-            "effort",
-            load._replace(effort=AMPLE_EFFORT_RATIO * load.effort),
-        ),
-    )
-    for words, constraint, other in eased:
-        if (_margins(moves, other, X, posture, touching)[:, -1] >= 0).any():
-            return f"{words} ({least})", constraint
-    return least, "balance"
 
 
 def _collide(moves: Moves, X: np.ndarray, posture: np.ndarray, touching: np.ndarray) -> tuple[str, int]:

@@ -57,7 +57,9 @@ class Problem:
     scene_free: threading.Lock = field(default_factory=threading.Lock)
     """The scene answers one question at a time."""
     stages: dict[str, float] = field(default_factory=dict)
+    """Wall time of each stage, s. What is done beside one, on another core, is not counted again."""
     expansions: int = 0
+    _within_stage: bool = False
 
     @classmethod
     def of(cls, task: Task, hand: Hand, progress: Callable[[Progress], None]) -> Problem:
@@ -83,13 +85,18 @@ class Problem:
 
     @contextmanager
     def stage(self, name: str):
-        """Adds the time spent inside to a stage's total."""
+        """Adds the time spent inside to a stage's total; within another stage, it is that one's."""
+        if self._within_stage:
+            yield
+            return
+        self._within_stage = True
         self.progress(Progress(stage=name, elapsed_s=time.monotonic() - self.started))
         t = time.monotonic()
         try:
             yield
         finally:
             self.stages[name] = self.stages.get(name, 0.0) + time.monotonic() - t
+            self._within_stage = False
 
     @property
     def deadline(self) -> float:

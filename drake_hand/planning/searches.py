@@ -170,8 +170,9 @@ def from_contacts(
     root = builder.state
     moves.evaluate([root])
     if root.margins[-1] < 0:
-        what = f"the fingers that touch do not hold the object (short of {-root.margins[-1]:.2g} N)"
-        raise no_plan(what, mode=builder.mode, constraint="balance", X_WO=builder.X_WO)
+        why, constraint = grasp.short_of(moves, root.X, root.q[None], root.touching[None], float(root.margins[-1]))
+        what = f"the fingers that touch do not hold the object: {why}"
+        raise no_plan(what, mode=builder.mode, constraint=constraint, X_WO=builder.X_WO)
     search = Search(moves=moves, wanted=named, progress=problem.progress)
     search.begin([root])
     patience = None if named is None else HAND_OVER_EXPANSIONS

@@ -19,7 +19,7 @@ from drake_hand.modes.constraints import build_ik
 from drake_hand.modes.corridor import PoseRegion
 from drake_hand.modes.solve import Infeasible, solution_at, solve_ik, what_blocks
 from drake_hand.planning.failure import code, no_plan
-from drake_hand.planning.kernels.hold import GIVES_WAY_N
+from drake_hand.planning.kernels.hold import GIVES_WAY_N, NO_HOLD_N
 from drake_hand.planning.moves import SHORT_ROOM_SHARE, Moves
 from drake_hand.planning.object_path import TICK_DEG, TICK_M
 from drake_hand.planning.state import Node, whole
@@ -47,11 +47,11 @@ def stuck(
     soft = bool(kept) and all(x.margins[f] == GIVES_WAY_N for f in kept)
     if kept:
         reason += f"; {', '.join(names[f] for f in kept)} cannot be lifted while the rest hold"
-        least = min(float(x.margins[f]) for f in kept)
+        missing = [-float(x.margins[f]) for f in kept if x.margins[f] > NO_HOLD_N]
         if soft:
             reason += " (they would balance it, but too softly)"
-        elif least > -10:
-            reason += f" (short of {-least:.2f} N)"
+        elif missing:
+            reason += f" (short of {max(missing):.2f} N)"
         reason += _what_would_help(moves, x, kept)
     blamed = next((f for f in short if f in kept), (short or kept or touching or [0])[0])
     return no_plan(

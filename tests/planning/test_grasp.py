@@ -1,5 +1,8 @@
 """Grasps that a search starts from: they hold, the promising ones come first, and why there is none is said."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +74,21 @@ def test_what_there_is_no_grasp_for_is_counted_and_named(changes, constraint, wo
     with pytest.raises(NoPlanFound, match=words) as e:
         roots(moves(HAND, PENCIL, path(HAND, turn(5.0)), **changes))
     assert e.value.evidence.constraint == constraint
+
+
+def test_sets_that_no_force_makes_a_hold_of_do_not_tell_what_is_missing():
+    """One finger alone, or a tip that can hardly be moved in some direction: as if 1 N were missing, less than any."""
+    with pytest.raises(NoPlanFound) as e:
+        roots(moves(HAND, PENCIL, path(HAND, turn(5.0)), equilibrium(HAND, PENCIL, mass=50.0)))
+    missing = float(re.search(r"at best (\S+) N are missing", e.value.reason)[1])
+    assert 400.0 < missing < 492.0, "of 490 N and the preload; four small fingers bear little"
+
+
+def test_tips_that_can_hardly_be_moved_in_some_direction_are_the_reason():
+    m = moves(HAND, PENCIL, path(HAND, turn(5.0)))
+    with pytest.raises(NoPlanFound, match="a fingertip can hardly be moved in some direction") as e:
+        roots(replace(m, load=m.load._replace(dexterity=1.0)))
+    assert e.value.evidence.constraint == "singular"
 
 
 def test_who_does_not_reach_the_object_is_named():

@@ -178,7 +178,7 @@ def test_a_finger_that_cannot_be_commanded_every_way_does_not_hold(pinched):
         return out[:, 4]
 
     assert (margins(0.0) >= 0).any()
-    assert (margins(1.0)[touching.any(axis=1)] == -1.0).all(), "no finger moves its tip by 1 m per rad"
+    assert (margins(1.0)[touching.any(axis=1)] == hold.NO_HOLD_N).all(), "no finger moves its tip by 1 m per rad"
 
 
 def test_a_stroke_ends_where_its_contacts_hold_no_longer():

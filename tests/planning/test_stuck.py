@@ -8,7 +8,7 @@ import pytest
 from drake_hand.errors import NoPlanFound
 from drake_hand.modes.constraints import contact_name
 from drake_hand.planning.failure import no_plan
-from drake_hand.planning.kernels.hold import GIVES_WAY_N
+from drake_hand.planning.kernels.hold import GIVES_WAY_N, NO_HOLD_N
 from drake_hand.planning.stuck import carried_on, stuck
 from tests.planning.small import move, moves, path, roots, scene, turn
 
@@ -52,6 +52,19 @@ def test_fingers_that_only_a_firmer_hold_could_spare_are_told_apart():
     assert "the servos' stiffness" in found.reason
     assert "the object's weight" in found.reason
     assert "the friction" not in found.reason
+
+
+@pytest.mark.parametrize(
+    ("without", "said"), [((-0.5, NO_HOLD_N, -0.2), " (short of 0.50 N)"), ((NO_HOLD_N, NO_HOLD_N, NO_HOLD_N), "")]
+)
+def test_what_is_missing_is_said_where_force_would_do(without, said):
+    """Where two would be left of which one is no help, or one alone, newtons were said to be missing."""
+    m = moves(HAND, PENCIL, path(HAND, turn(20.0)))
+    x = next(x for x in roots(m) if x.touching[:3].all())
+    x.room, x.margins = np.ones(4), np.array([*without, 0.1, 0.1])
+    reason = stuck(m, x, 0.3, 5, "timeout").reason
+    assert f"left_1, left_2, right_1 cannot be lifted while the rest hold{said}" in reason
+    assert ("short of" in reason) == bool(said)
 
 
 def test_that_what_balances_is_too_soft_is_the_reason_why_there_is_no_grasp():

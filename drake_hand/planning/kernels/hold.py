@@ -27,6 +27,8 @@ SERVO_ROOM_RAD = math.radians(0.5)
 """Kept from joint limits by forces, for what else is added to commands."""
 GIVES_WAY_N = -1e-9
 """Margin of contacts that balance the object, but would not bring it back: they come nearest of those that fail, N."""
+NO_HOLD_N = -1e3
+"""Margin of contacts that no force makes a hold of: too few, or a tip that can hardly be moved in some direction, N."""
 LEAST_EFFORT_NM = 1e-9
 """Of a joint at its limit, Nm: next to none."""
 
@@ -79,8 +81,9 @@ def twists(w, f, q, before, turned, s):
 def held(w, load, mask, X, s, enough):
     """The margin with which the contacts taken so far hold the object at X (3, 4).
 
-    It is the preload that each of them can be given, less the one wanted, N, or `GIVES_WAY_N`; kinematically, from 0 to
-    one half the better the normals are opposed, where the contacts are enough, else how many are missing.
+    It is the preload that each of them can be given, less the one wanted, N, or `GIVES_WAY_N`, or `NO_HOLD_N`;
+    kinematically, from 0 to one half the better the normals are opposed, where the contacts are enough, else how many
+    are missing.
 
     Of a margin that is more than `enough` only that is told, not how much.
     """
@@ -92,12 +95,12 @@ def held(w, load, mask, X, s, enough):
             ny += s.N[f, 1]
             nz += s.N[f, 2]
     if count < load.min_contacts:
-        return float(count - load.min_contacts)
+        return float(count - load.min_contacts) if load.kinematic else NO_HOLD_N
     if load.kinematic:
         return 0.5 * (1.0 - math.sqrt(nx * nx + ny * ny + nz * nz) / max(count, 1))
     for f in range(len(mask)):
         if mask[f] and not dexterous(s.JP[f], w.chains.joints[f], load.dexterity):
-            return -1.0
+            return NO_HOLD_N
     o = w.p_OCom
     com = s.force
     for i in range(3):
