@@ -15,6 +15,7 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.plans.task import Grasp, Options, Physics, Rotate, Step, Task, Translate
 
 UP, DOWN, THUMB = (-9.81, 0.0, 0.0), (9.81, 0.0, 0.0), (0.0, -9.81, 0.0)
+HANGING = (0.0, 0.0, -9.81)
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -65,16 +66,17 @@ TASKS = {
 def of_files(files: dict[str, str]) -> dict[str, Task]:
     """The tasks for which the file is given of an object, and of a hand where it is not the Kanguera."""
     every = {
-        "six-sided pencil, 360 deg about its axis": ("hex", "kanguera", turn(Z, 360.0, "object"), 60.0),
-        "soup can, 360 deg about x": ("soup", "kanguera", turn(X, 360.0), 120.0),
-        "banana, 90 deg about x": ("banana", "kanguera", turn(X, 90.0), 120.0),
-        "hammer, 90 deg about x": ("hammer", "kanguera", turn(X, 90.0), 120.0),
-        "Allegro, cube 60 mm, 360 deg about x": ("cube_60", "allegro", turn(X, 360.0), 120.0),
+        "six-sided pencil, 360 deg about its axis": ("hex", "kanguera", UP, turn(Z, 360.0, "object"), 60.0),
+        "soup can, 360 deg about x": ("soup", "kanguera", UP, turn(X, 360.0), 120.0),
+        "banana, 90 deg about x": ("banana", "kanguera", UP, turn(X, 90.0), 120.0),
+        "hammer, 90 deg about x": ("hammer", "kanguera", UP, turn(X, 90.0), 120.0),
+        "Allegro, cube 60 mm, 360 deg about x": ("cube_60", "allegro", UP, turn(X, 360.0), 120.0),
+        "TriFinger Pro, its cube, 90 deg about z": ("cube_65", "trifinger", HANGING, turn(Z, 90.0), 120.0),
     }
     hands = {"kanguera": "kanguera"} | files
     return {
-        name: task(files[object_], step, hand=hands[hand], limit=limit)
-        for name, (object_, hand, step, limit) in every.items()
+        name: task(files[object_], step, hand=hands[hand], gravity=gravity, limit=limit)
+        for name, (object_, hand, gravity, step, limit) in every.items()
         if object_ in files and hand in hands
     }
 
@@ -89,7 +91,7 @@ def main() -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="of objects hex (a six-sided pencil along z), soup, banana, hammer, cube_60, and hand allegro",
+        help="hex (a six-sided pencil along z), soup, banana, hammer, cube_60, cube_65; hands: allegro, trifinger",
     )
     args = parser.parse_args()
     print("| task | seed | plan time s | regrasps | duration s | modes visited | result |")
