@@ -33,6 +33,10 @@ def test_a_start_inside_a_grasp_in_equilibrium():
     joints = dict(zip(grasped.joints, np.degrees(grasped.parts[-1].q[-1]).tolist(), strict=True))
     task = spin(turn(5.0), start=msgspec.structs.replace(start, joints_deg=joints))
     assert api.solve(task).plan.certified
+    heavy = msgspec.structs.replace(task, physics=Physics(gravity=(-9.81, 0.0, 0.0), object_mass_kg=3.0))
+    with pytest.raises(NoPlanFound, match="do not hold the object: the joints' efforts are too small") as e:
+        next(find_paths(heavy))
+    assert e.value.evidence.constraint == "effort"
 
 
 def test_grasps_short_of_friction_or_of_effort_say_which(monkeypatch):
