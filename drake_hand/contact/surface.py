@@ -59,6 +59,16 @@ class Surface:
         Returns:
             p_OS (M, 3), nhat_O (M, 3).
         """
+        if spacing not in self._samples:
+            self._samples[spacing] = self._sampled(spacing)
+        return self._samples[spacing]
+
+    @cached_property
+    def _samples(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        """By spacing: a few are asked for again and again, and meshes take 30 ms."""
+        return {}
+
+    def _sampled(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         points, normals = [], []
         for g in self.geometries:
             p_G, n_G = _sample(g, spacing)

@@ -13,6 +13,7 @@ EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
 
 _COLUMNS = EDGES + 2
+_COS, _SIN = (tuple(f(2 * math.pi * x / EDGES) for x in range(EDGES)) for f in (math.cos, math.sin))
 _ZERO_PIVOT = 1e-9
 _PIVOTS = 400
 
@@ -39,8 +40,7 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
         column = j * _COLUMNS + x
         u, v, torsion = 0.0, 0.0, spin * arm
         if x < EDGES:
-            u = friction * math.cos(2 * math.pi * x / EDGES)
-            v = friction * math.sin(2 * math.pi * x / EDGES)
+            u, v = friction * _COS[x], friction * _SIN[x]
         else:
             torsion += (1.0 - abs(spin)) * friction * torsion_radius * (1.0 if x == EDGES else -1.0)
         fx, fy, fz = n[0] + u * t1x + v * t2x, n[1] + u * t1y + v * t2y, n[2] + u * t1z + v * t2z
@@ -84,20 +84,25 @@ def _frame(T, basis, c, columns, force):
 
 
 @njit()
-def _pivot(T, basis, rows, columns, row, column):
+def _pivot(T, basis, pivoted, rows, columns, row, column):
+    """Pivots on a row, which is read from `pivoted`: were it read from T, it might be one of those written.
+
+    That would be done one number at a time, which takes three times as long.
+    """
     inverse = 1.0 / T[row, column]
     for x in range(columns + 1):
-        T[row, x] *= inverse
+        pivoted[x] = T[row, x] * inverse
+        T[row, x] = pivoted[x]
     for y in range(rows + 2):
         factor = T[y, column]
         if y != row and factor != 0.0:
             for x in range(columns + 1):
-                T[y, x] -= factor * T[row, x]
+                T[y, x] -= factor * pivoted[x]
     basis[row] = column
 
 
 @njit()
-def _maximise(T, basis, rows, columns, enough):
+def _maximise(T, basis, pivoted, rows, columns, enough):
     """Two-phase tableau simplex: first empties the artificial variables, then maximises s, or until it is enough."""
     for phase in range(2):
         cost = rows + phase
@@ -120,7 +125,7 @@ def _maximise(T, basis, rows, columns, enough):
                         row, ratio = y, min(r, ratio)
             if row < 0:
                 break
-            _pivot(T, basis, rows, columns, row, column)
+            _pivot(T, basis, pivoted, rows, columns, row, column)
         if phase == 0:
             if T[rows, columns] < -1e-7:
                 return T[rows, columns]
@@ -128,7 +133,7 @@ def _maximise(T, basis, rows, columns, enough):
                 if basis[y] < 0:  # artificial at zero: out of the basis, or its row is redundant
                     for x in range(columns):
                         if abs(T[y, x]) > 1e-6:
-                            _pivot(T, basis, rows, columns, y, x)
+                            _pivot(T, basis, pivoted, rows, columns, y, x)
                             break
     return T[rows + 1, columns]
 
@@ -136,13 +141,15 @@ def _maximise(T, basis, rows, columns, enough):
 @njit(allocates=True)
 def workspace(k):
     """What `margin` works in, for k contacts at the most."""
-    return np.empty((8 + 2 * k, (_COLUMNS + 2) * k + 2)), np.empty(6 + 2 * k, np.int64)
+    width = (_COLUMNS + 2) * k + 2
+    return np.empty((8 + 2 * k, width)), np.empty(6 + 2 * k, np.int64), np.empty(width)
 
 
 @njit()
 def margin(
     tableau,
     basis,
+    pivoted,
     p_WP,
     n_W,
     mask,
@@ -187,7 +194,7 @@ def margin(
             )
             j += 1
     _frame(T, basis, c, columns, force_W)
-    return _maximise(T, basis, 6 + 2 * c, columns, enough)
+    return _maximise(T, basis, pivoted, 6 + 2 * c, columns, enough)
 
 
 @njit(
@@ -198,12 +205,13 @@ def margins_of(p_WP, n_W, mask, p_WCom, force_W, friction, torsion_radius, f_max
     """`equilibrium.margins`; normals (N, k, 3) point into the object, forces are limited to 1 / `f_max_inverse`."""
     N, k = mask.shape
     out = np.empty(N)
-    tableau, basis = workspace(k)
+    tableau, basis, pivoted = workspace(k)
     still = np.zeros(k)
     for i in range(N):
         out[i] = margin(
             tableau,
             basis,
+            pivoted,
             p_WP[i],
             n_W[i],
             mask[i],

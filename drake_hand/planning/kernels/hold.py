@@ -108,6 +108,7 @@ def held(w, load, mask, X, s, enough):
     found = margin(
         s.tableau,
         s.basis,
+        s.pivoted,
         s.P,
         s.N,
         mask,

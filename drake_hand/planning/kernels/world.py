@@ -175,6 +175,7 @@ class Scratch(NamedTuple):
     """(n, 2, m) of positive and of negative torques of fingers that touch, Nm."""
     tableau: np.ndarray
     basis: np.ndarray
+    pivoted: np.ndarray
     force: np.ndarray
     spring: np.ndarray
     """(n, 13, 3) of contacts; see `contact.kernels.stiffness`."""
@@ -191,7 +192,7 @@ def scratch(w):
     """Room for one row; fingers that are not placed yet are far away."""
     n, m = w.chains.lower.shape
     A, G, S = len(w.chains.R), len(w.cover.r), len(w.cover.r_sphere)
-    tableau, basis = workspace(n)
+    tableau, basis, pivoted = workspace(n)
     return Scratch(
         np.zeros((A, 3)),
         np.zeros((A, 3, 3)),
@@ -216,6 +217,7 @@ def scratch(w):
         np.full((n, 2, m), np.inf),
         tableau,
         basis,
+        pivoted,
         np.zeros(3),
         np.zeros((n, SPRING_ROWS, 3)),
         np.zeros(n),
