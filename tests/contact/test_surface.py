@@ -147,6 +147,14 @@ def test_samples_are_as_dense_as_asked(g):
     assert 0.001 < np.median(nearest) < 0.005
 
 
+def test_samples_of_one_spacing_are_made_once():
+    surface = Surface((GEOMETRIES["box"],))
+    fine, coarse = surface.sample(2e-3), surface.sample(4e-3)
+    assert len(fine[0]) > len(coarse[0])
+    assert surface.sample(2e-3) is fine
+    np.testing.assert_array_equal(Surface((GEOMETRIES["box"],)).sample(4e-3), coarse)
+
+
 def curvatures(kind: str, p_G: np.ndarray) -> np.ndarray:
     shape = Surface((GEOMETRIES[kind],)).curvature(in_object(p_G[None]))[0]
     np.testing.assert_allclose(shape, shape.T, atol=1e-3)
