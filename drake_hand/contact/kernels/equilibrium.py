@@ -85,9 +85,10 @@ def _frame(T, basis, c, columns, force):
 
 @njit()
 def _pivot(T, basis, pivoted, rows, columns, row, column):
-    """Pivots on a row, which is read from `pivoted`: were it read from T, it might be one of those written.
+    """Pivots on a row; `pivoted` (columns + 1,) is room for it.
 
-    That would be done one number at a time, which takes three times as long.
+    Were the row read from T, compilers could not rule out that it is among the rows written, and would take one number
+    at a time, which takes three times as long.
     """
     inverse = 1.0 / T[row, column]
     for x in range(columns + 1):
