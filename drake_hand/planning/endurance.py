@@ -52,7 +52,7 @@ def endurance(moves: Moves) -> float:
         q, n_W = _some_contacts(moves, f, X)
         if len(q):
             lasting[f], normals[f] = moves.enduring(np.full(len(q), f), q), n_W
-            borne += float(bearing(moves, f, q, n_W).max())
+            borne += float(bearing(moves, f, q, X).max())
     together = 0.0
     for a, b in itertools.combinations(lasting, 2):
         opposite = normals[a] @ normals[b].T < OPPOSITE_COS

@@ -210,7 +210,8 @@ class _Rating:
     def best(self, rng: np.random.Generator, starts: int) -> list[Gait]:
         """Local optima: from the most promising of a random sample, one contact exchanged at a time."""
         sizes = np.array([len(pool) for pool in self.pools])
-        sample = np.unique((rng.random((GAITS_RATED, len(sizes))) * sizes).astype(int), axis=0)
+        drawn = (rng.random((GAITS_RATED, len(sizes))) * sizes).astype(int)
+        sample = np.stack(np.unravel_index(np.unique(np.ravel_multi_index(tuple(drawn.T), sizes)), sizes), axis=1)
         for stepped in (False, True):
             sample = sample[np.argsort(-self._together(sample, stepped), kind="stable")[: max(len(sample) // 8, 1)]]
         rating, _ = self._widest(sample)

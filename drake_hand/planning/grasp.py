@@ -13,7 +13,7 @@ import numpy as np
 from drake_hand.errors import NoPlanFound
 from drake_hand.model.scene import Scene
 from drake_hand.model.table import TABLE_TOUCH_M
-from drake_hand.planning.bearing import AMPLE_BEARING_RATIO, bearing
+from drake_hand.planning.bearing import AMPLE_BEARING_RATIO, ROUNDING_N, bearing, shortfalls
 from drake_hand.planning.collision import Clearance
 from drake_hand.planning.failure import code, no_plan
 from drake_hand.planning.kernels import hold
@@ -41,8 +41,6 @@ LASTING_SCORE = 3.0
 """What it counts for that none of their fingers has to let go on the path, or none that they cannot spare."""
 HAND_OVER_TRIALS, HAND_OVER_SCORE = 40, 20.0
 """Random contacts tried of the fingers that a grasp is handed over to, and what it counts for if all of them hold."""
-BORNE_SHARE = 0.9
-"""Of the weight, what the contacts of a set have to bear together for it to be looked at, as `bearing` counts it."""
 ROOT_GRASPS = 60
 """Of those, how many a search starts from."""
 
@@ -90,19 +88,18 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
 
     reached, borne = {}, {}
     for f in fingers:
-        reached[f], _, n_W = moves.contacts(f, X)
-        borne[f] = bearing(moves, f, reached[f], n_W)
+        reached[f], *_ = moves.contacts(f, X)
+        borne[f] = bearing(moves, f, reached[f], X)
     unable = [f for f in fingers if not len(reached[f])]
     if unable and (every or len(unable) == len(fingers)):
         names, why = ", ".join(hand.fingers[f].name for f in unable), moves.out_of_reach(unable[0], X)
         raise fail(f"{names} cannot touch the object anywhere ({why})", why, unable[0])
-    posture, touching, lasts, bear = _drawn(moves, q, reached, borne, every)
-    modes = {tuple(row) for row in np.unique(touching, axis=0).tolist()}
-    able = {row: moves.allowed(frozenset(np.flatnonzero(row).tolist())) for row in modes}
-    some = np.array([able[tuple(row)] for row in touching.tolist()])
+    posture, touching, lasts, rows = _drawn(moves, q, reached, borne, every)
+    some = _allowed(moves, touching)
     if not some.any():
         raise fail("a grasp needs a mode that options.modes leaves out", "modes")
-    some &= (bear >= BORNE_SHARE) | (bear >= np.sort(bear)[-SETS_EXAMINED])
+    short = np.where(some, shortfalls(moves, reached, X, rows), np.inf)
+    some &= short <= max(ROUNDING_N, np.sort(short)[SETS_EXPLAINED - 1])
     posture, touching, lasts = posture[some], touching[some], lasts[some]
     margins = _margins(moves, moves.load, X, posture, touching)
     held = np.flatnonzero(margins[:, -1] >= 0)
@@ -213,12 +210,13 @@ def _drawn(
     that bear more of its weight.
 
     Returns:
-        Postures (N, n, m), who touches (N, n), and of each set the share of the path for which all of it lasts and how
-        much of the weight its contacts can bear at most (N,).
+        Postures (N, n, m), who touches (N, n), the share of the path for which all of each set lasts (N,), and contacts
+        (N, n) counted on from one finger to the next, -1 where there is none.
     """
     rng = moves.rng
     posture, touching = np.repeat(q[None], SETS_DRAWN, axis=0), np.zeros((SETS_DRAWN, len(q)), dtype=bool)
-    lasts, bear = np.ones(SETS_DRAWN), np.zeros(SETS_DRAWN)
+    lasts, rows = np.ones(SETS_DRAWN), np.full((SETS_DRAWN, len(q)), -1)
+    first = dict(zip(reached, np.cumsum([0, *map(len, reached.values())]).tolist(), strict=False))
     lasting = {f: moves.enduring(np.full(len(c), f), c) for f, c in reached.items() if len(c)}
     enduring = {f: np.flatnonzero(x == 1.0) for f, x in lasting.items() if (x == 1.0).any()}
     enough = len(enduring) == len(reached) if every else len(enduring) >= max(moves.load.min_contacts, FIRM_FINGERS)
@@ -233,8 +231,14 @@ def _drawn(
             on[::2] = False
         posture[on, f], touching[on, f] = reached[f][pick[on]], True
         lasts[on] = np.minimum(lasts[on], share[pick[on]])
-        bear[on] += borne[f][pick[on]]
-    return posture, touching, lasts, bear
+        rows[on, f] = first[f] + pick[on]
+    return posture, touching, lasts, rows
+
+
+def _allowed(moves: Moves, touching: np.ndarray) -> np.ndarray:
+    """(N,) whether the modes may be used in which fingers (N, n) touch."""
+    _, first, which = np.unique(touching @ (1 << np.arange(touching.shape[1])), return_index=True, return_inverse=True)
+    return np.array([moves.allowed(frozenset(np.flatnonzero(touching[i]).tolist())) for i in first])[which]
 
 
 def _margins(moves: Moves, load: Load, X: np.ndarray, posture: np.ndarray, touching: np.ndarray) -> np.ndarray:

@@ -153,7 +153,8 @@ def _roadmap(s: Surroundings, i: int, a: np.ndarray, b: np.ndarray) -> tuple[np.
     pairs = row[grid.neighbours[clear[grid.neighbours].all(axis=1)]]
     ends = cKDTree(nodes / grid.cell).query(nodes[:2] / grid.cell, k=min(12, len(nodes)))[1]
     pairs = np.vstack([pairs, *[np.column_stack([np.full(len(e), x), e]) for x, e in enumerate(ends)]])
-    pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+    low, high = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1).T
+    pairs = np.stack(np.divmod(np.unique(low * len(nodes) + high), len(nodes)), axis=1)
     distance = np.abs(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).max(axis=1)
     graph = csr_matrix((distance, pairs.T), shape=(len(nodes), len(nodes)))
     return nodes, (graph + graph.T).tocsr()

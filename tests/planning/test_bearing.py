@@ -1,12 +1,13 @@
-"""How much of the weight single contacts bear: against a linear program, and what grasps of heavy objects are drawn."""
+"""What single contacts can bear, against linear programs, and which sets of contacts are drawn and asked for it."""
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 from drake_hand.contact.chain import material_jacobian
+from drake_hand.errors import NoPlanFound
 from drake_hand.planning import grasp
-from drake_hand.planning.bearing import bearing
+from drake_hand.planning.bearing import ROUNDING_N, bearing, shortfalls
 from drake_hand.planning.moves import Moves
 from tests.planning.small import equilibrium, moves, path, roots, turn
 
@@ -35,7 +36,7 @@ def test_contacts_bear_nearly_as_much_as_their_cones_and_efforts_allow():
     X = np.ascontiguousarray(m.path.X_WO[0, :3])
     for f in range(4):
         q, _, n_W = m.contacts(f, X)
-        borne = bearing(m, f, q, n_W)
+        borne = bearing(m, f, q, X)
         for k in range(0, len(q), 5):
             true = most(m, f, q[k], n_W[k])
             assert borne[k] <= true * (1 + 1e-3) + 1e-9
@@ -48,14 +49,16 @@ def test_contacts_bear_nearly_as_much_as_their_cones_and_efforts_allow():
 
 def test_twice_the_weight_halves_it():
     X = np.ascontiguousarray(of(1.0).path.X_WO[0, :3])
-    q, _, n_W = of(1.0).contacts(0, X)
-    assert bearing(of(2.0), 0, q, n_W) == pytest.approx(bearing(of(1.0), 0, q, n_W) / 2)
+    q, *_ = of(1.0).contacts(0, X)
+    assert bearing(of(2.0), 0, q, X) == pytest.approx(bearing(of(1.0), 0, q, X) / 2)
 
 
 def test_without_forces_nothing_has_to_be_borne():
     m = moves(HAND, "cube", path(HAND, turn(5.0)), 2)
-    q, _, n_W = m.contacts(0, np.ascontiguousarray(m.path.X_WO[0, :3]))
-    assert (bearing(m, 0, q, n_W) == np.inf).all()
+    X = np.ascontiguousarray(m.path.X_WO[0, :3])
+    q, *_ = m.contacts(0, X)
+    assert (bearing(m, 0, q, X) == np.inf).all()
+    assert not shortfalls(m, {0: q}, X, np.arange(len(q))[:, None]).any()
 
 
 @pytest.fixture
@@ -73,11 +76,30 @@ def margins(monkeypatch) -> list[np.ndarray]:
     return found
 
 
-def test_sets_that_cannot_bear_the_weight_are_not_asked_whether_they_balance_it(margins):
-    roots(of(0.04))
-    assert len(margins[0]) > 0.99 * grasp.SETS_DRAWN
+@pytest.mark.parametrize(("kg", "object_", "share"), [(0.04, "cube", 0.35), (0.04, "sphere", 0.45), (0.5, "cube", 0.9)])
+def test_sets_left_out_do_not_hold_and_most_that_do_not_are(monkeypatch, kg, object_, share):
+    asked = []
+    monkeypatch.setattr(grasp, "shortfalls", lambda *args: asked.append((*args, shortfalls(*args))) or asked[0][-1])
+    real, drawn = grasp._drawn, []
+    monkeypatch.setattr(grasp, "_drawn", lambda *args: drawn.append(real(*args)) or drawn[0])
+    m = of(kg, object_)
+    roots(m)
+    (posture, touching, *_), (_, _, X, _, short) = drawn[0], asked[0]
+    held = grasp._margins(m, m.load, X, posture, touching)[:, -1] >= 0
+    assert held.any()
+    assert short[held].max() <= ROUNDING_N
+    assert (short[~held] > ROUNDING_N).mean() > share
+
+
+def test_sets_that_cannot_hold_the_object_are_not_asked_whether_they_do(margins):
     roots(of(0.5))
-    assert grasp.SETS_EXAMINED <= len(margins[1]) < 0.7 * grasp.SETS_DRAWN
+    assert len(margins[0]) < 0.3 * grasp.SETS_DRAWN
+
+
+def test_where_no_set_can_hold_it_those_that_come_nearest_tell_what_is_missing(margins):
+    with pytest.raises(NoPlanFound, match="too small"):
+        roots(of(20.0))
+    assert len(margins[0]) == grasp.SETS_EXPLAINED
 
 
 def test_of_what_fingers_can_just_hold_contacts_are_drawn_that_bear_more(margins, monkeypatch):

@@ -12,14 +12,15 @@ from drake_hand.plans.tolerances import TORQUE_LENGTH_M
 EDGES = 8
 """Edges of the inscribed friction pyramid; it reaches cos(pi/8) = 0.92 of the cone between its edges."""
 
-_COLUMNS = EDGES + 2
+COLUMNS = EDGES + 2
+"""Of a contact: its forces along the edges, and torsion either way."""
 _COS, _SIN = (tuple(f(2 * math.pi * x / EDGES) for x in range(EDGES)) for f in (math.cos, math.sin))
 _ZERO_PIVOT = 1e-9
 _PIVOTS = 400
 
 
 @njit()
-def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag, spin, arm):
+def contact_columns(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J, effort, drag, spin, arm):
     """Fills the columns of contact j: its wrenches of unit normal force, its preload row and its effort row.
 
     Efforts (2, m) are those of positive and of negative torques.
@@ -36,8 +37,8 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
     t2x, t2y, t2z = n[1] * t1z - n[2] * t1y, n[2] * t1x - n[0] * t1z, n[0] * t1y - n[1] * t1x
     rx, ry, rz = p[0] - com[0], p[1] - com[1], p[2] - com[2]
     slides = drag[0] != 0.0 or drag[1] != 0.0 or drag[2] != 0.0
-    for x in range(_COLUMNS):
-        column = j * _COLUMNS + x
+    for x in range(COLUMNS):
+        column = j * COLUMNS + x
         u, v, torsion = 0.0, 0.0, spin * arm
         if x < EDGES:
             u, v = friction * _COS[x], friction * _SIN[x]
@@ -62,7 +63,7 @@ def _contact(T, top, c, j, p, n, com, friction, torsion_radius, f_max_inverse, J
 def _frame(T, basis, c, columns, force):
     """Adds s, slacks, right-hand side and both cost rows; the six wrench rows start with artificial variables (-1)."""
     last = 6 + 2 * c
-    s = _COLUMNS * c
+    s = COLUMNS * c
     for row in range(6):
         basis[row] = -1
     for j in range(c):
@@ -142,7 +143,7 @@ def _maximise(T, basis, pivoted, rows, columns, enough):
 @njit(allocates=True)
 def workspace(k):
     """What `margin` works in, for k contacts at the most."""
-    width = (_COLUMNS + 2) * k + 2
+    width = (COLUMNS + 2) * k + 2
     return np.empty((8 + 2 * k, width)), np.empty(6 + 2 * k, np.int64), np.empty(width)
 
 
@@ -171,12 +172,12 @@ def margin(
     for a in range(k):
         c += mask[a]
     T = tableau[: 8 + 2 * c]
-    columns = (_COLUMNS + 2) * c + 1
+    columns = (COLUMNS + 2) * c + 1
     T[:, : columns + 1] = 0.0
     j = 0
     for a in range(k):
         if mask[a]:
-            _contact(
+            contact_columns(
                 T,
                 6,
                 c,

@@ -78,6 +78,14 @@ def twists(w, f, q, before, turned, s):
 
 
 @njit()
+def centre_of_mass(w, X, out):
+    """Writes where the mass centre (3,) of an object at X (3, 4) is."""
+    o = w.p_OCom
+    for i in range(3):
+        out[i] = X[i, 3] + X[i, 0] * o[0] + X[i, 1] * o[1] + X[i, 2] * o[2]
+
+
+@njit()
 def held(w, load, mask, X, s, enough):
     """The margin with which the contacts taken so far hold the object at X (3, 4).
 
@@ -101,10 +109,8 @@ def held(w, load, mask, X, s, enough):
     for f in range(len(mask)):
         if mask[f] and not dexterous(s.JP[f], w.chains.joints[f], load.dexterity):
             return NO_HOLD_N
-    o = w.p_OCom
     com = s.force
-    for i in range(3):
-        com[i] = X[i, 3] + X[i, 0] * o[0] + X[i, 1] * o[1] + X[i, 2] * o[2]
+    centre_of_mass(w, X, com)
     found = margin(
         s.tableau,
         s.basis,
