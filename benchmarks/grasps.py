@@ -30,6 +30,7 @@ BUNDLED = (
 
 def found(problem: Problem, task: Task) -> list[Node]:
     """Grasps from a start."""
+    assert not isinstance(task.start, str), "auto is replaced before"
     moves = problem.moves(task, problem.path(pose(task.start), task.motion[1:]), frozenset(range(5)))
     try:
         return grasp.roots(moves, by_finger(problem.hand, problem.hand.q_home), every=False, most=False)
@@ -54,7 +55,8 @@ def main() -> None:
             return out[-1]
 
         ways = {"ours": counted, "all": lambda *asked: np.zeros(len(asked[-1]))}
-        times, grasps = {way: [] for way in ways}, {way: [] for way in ways}
+        times: dict[str, list[float]] = {way: [] for way in ways}
+        grasps: dict[str, list[list[Node]]] = {way: [] for way in ways}
         for start in starts:
             for way, of_sets in ways.items():
                 grasp.shortfalls = of_sets
