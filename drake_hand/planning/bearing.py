@@ -18,7 +18,7 @@ AMPLE_BEARING_RATIO = 2.5
 """So many times the object's weight the best contacts of all fingers together have to bear for none to be short of it:
 each of them is at its best elsewhere, and they also have to balance torques."""
 TORQUE_SHARE = 0.5
-"""Of the torques looked at, over `TORQUE_LENGTH_M` N."""
+"""Of the wrenches looked at: torque over `TORQUE_LENGTH_M`, to a force of one along each axis it is along."""
 ROUNDING_N = 1e-6
 """By which sets of contacts may fall short that hold."""
 

@@ -98,6 +98,7 @@ def roots(moves: Moves, q: np.ndarray, *, every: bool, most: bool, then: tuple[f
     some = _allowed(moves, touching)
     if not some.any():
         raise fail("a grasp needs a mode that options.modes leaves out", "modes")
+    # Where none can hold it, those that come nearest are asked, to tell what they lack.
     short = np.where(some, shortfalls(moves, reached, X, rows), np.inf)
     some &= short <= max(ROUNDING_N, np.sort(short)[SETS_EXPLAINED - 1])
     posture, touching, lasts = posture[some], touching[some], lasts[some]
