@@ -7,6 +7,7 @@ are tried before expensive ones: a grasp that lasts for the whole motion, then a
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -55,6 +56,9 @@ GAIT_STARTS, GAITS_WANTED, FEW_RAD = 6, 3, np.radians(8.0)
 turns the object by so much with each regrasp; the one with the fewest regrasps is taken."""
 SHORTENED_SHARE = 2 / 3
 """A gait, which repeats and is proved once, is shortened if no more than this share of its regrasps is left."""
+LONG_TICKS = 100
+"""Ways as long as this, in ticks as there usually are, take so many regrasps that a search needs thousands of states:
+searches from further starts, which would take them from it, begin where none is left."""
 HAND_OVER_EXPANSIONS = 200
 """Expansions after which the object is handed over from another grasp instead."""
 
@@ -105,7 +109,10 @@ def from_grasps(
     searching = coming_back[:GAIT_SEARCHES] + others
     gaits = bool(coming_back)
     further = further_starts(problem, starts, free, wanted, moving, then, gaits=gaits) if movable else iter(())
-    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further))
+    path = free[0].search.moves.path if free else None
+    long = path is not None and path.ticks >= LONG_TICKS * path.fineness
+    enough = 1 if long and not gaits else math.inf
+    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further), enough=enough)
 
 
 def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step]) -> Iterator[Task]:
@@ -196,14 +203,15 @@ def _in_turn(
     failures: list[NoPlanFound],
     more: Iterable[Offer] = (),
     most: int | None = None,
+    enough: float = math.inf,
 ) -> Iterator[tuple[Task, LegBuilder]]:
-    """The motions that some searches find in turn, within a number of expansions if one is given."""
+    """The motions that some searches find in turn, within a number of expansions if one is given; see `in_turn`."""
 
     def given_up() -> bool:
         spent = most is not None and sum(x.expansions for x in attempts) >= most
         return spent or time.monotonic() > problem.deadline
 
-    rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline)
+    rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline, enough)
     while True:
         before = sum(x.expansions for x in attempts)
         with problem.stage("search"):

@@ -20,8 +20,8 @@ from drake_hand.planning.kernels import clear
 from drake_hand.planning.kernels.world import World, scratch
 from drake_hand.planning.object_path import MOVING_KINDS, ObjectPath, aligned, as_pose, build, pose
 from drake_hand.planning.on_table import laid
-from drake_hand.planning.period import FEWEST_PERIODS, SHORTEST_PERIOD_RAD, counts
-from drake_hand.plans.task import Pose, Task, Vector
+from drake_hand.planning.period import FEWEST_PERIODS, SHORTEST_PERIOD_RAD, Period, counts
+from drake_hand.plans.task import Pose, Step, Task, Vector
 from drake_hand.plans.tolerances import STANDARD_GRAVITY
 
 POSES_DRAWN = 400
@@ -38,6 +38,8 @@ _POSTURES = 3000
 """Random postures of each finger."""
 _NEAR_M = 4.0e-3
 """A contact this near one of them counts as reached, m."""
+_TURNS = 12
+"""Turns after which it is looked at whether the object is round."""
 _OUTSIDE_COS, _PAD_COS = 0.25, 0.5
 """Largest cosine between the object's normal and the finger's end, or its pad's: a finger comes from outside."""
 OPPOSITE_COS = -0.7
@@ -83,6 +85,8 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     axis of W through its own origin, half of the poses align that axis with one about which the object looks the same
     after a part of the turn, the smallest there is. Where it does so too seldom for a gait, it lies across the fingers
     where its middle is near the fingertips, which may be on its way; with a gait it comes to lie so again and again.
+    Where there is no gait, but the object is round about an axis, more or less, all poses align that with the axis of a
+    long turn: fingers find its surface where it was before.
 
     Args:
         task: what is asked.
@@ -91,15 +95,19 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
         rng: for sampling.
     """
     surface = clearance.surface
+    points, outward = surface.sample(_SPACING_M)
     moving = list(itertools.takewhile(lambda s: s.kind in MOVING_KINDS, task.motion[1:]))
     fingers = [_Finger.of(clearance, i, rng) for i in range(len(clearance.hand.fingers))]
     middles = _meeting([f.tree for f in fingers], float(np.sort(surface.extent)[1]))
     turned = next((s.rotate for s in task.motion if s.rotate), None)
-    given, axes, often = None, np.zeros((0, 3)), 0
+    given, axes, often, always = None, np.zeros((0, 3)), 0, False
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
-        given = np.asarray(turned.axis) / np.linalg.norm(turned.axis)
-        axes, often = _looking_alike(surface, np.radians(abs(turned.angle_deg)))
-    points, outward = surface.sample(_SPACING_M)
+        given, angle = np.asarray(turned.axis) / np.linalg.norm(turned.axis), np.radians(abs(turned.angle_deg))
+        axes, often = _looking_alike(surface, angle)
+        gaits = any(_has_gait(clearance, e, given, moving) for e in axes)
+        if angle >= FEWEST_PERIODS * SHORTEST_PERIOD_RAD and not gaits:
+            round_about = _round_about(surface, points)
+            axes, always = (round_about, True) if len(round_about) else (axes, False)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH_M
     samples, normals = points[near], outward[near]
     sides, side = np.unique(np.round(normals), axis=0, return_inverse=True)
@@ -118,7 +126,7 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     found: list[tuple[float, np.ndarray]] = []
     best: list[float] = []
     for k in range(POSES_DRAWN):
-        if given is not None and len(axes) and k % 2 == 0:
+        if given is not None and len(axes) and (always or k % 2 == 0):
             axis, along = axes[k // 2 % len(axes)], given
         else:
             axis, along = surface.long_axis, _lean(_across(clearance.hand, rng), rng)
@@ -183,6 +191,24 @@ def _looking_alike(surface: Surface, angle: float) -> tuple[np.ndarray, int]:
     """(k, 3) axes of O about which the object looks the same most often in a turn by `angle`, rad; and how often."""
     often = [next(counts(surface, e, surface.centre, max(angle, 2 * SHORTEST_PERIOD_RAD)), 0) for e in np.eye(3)]
     return np.eye(3)[[n == max(often) > 0 for n in often]], max(often)
+
+
+def _round_about(surface: Surface, p_O: np.ndarray) -> np.ndarray:
+    """(k, 3) axes of O about which the object's points p_O (N, 3) hardly leave its surface, however it is turned."""
+
+    def away(axis: np.ndarray) -> float:
+        turns = Rotation.from_rotvec(np.linspace(0.0, 2 * np.pi, _TURNS, endpoint=False)[1:, None] * axis)
+        p = np.concatenate([turn.apply(p_O - surface.centre) + surface.centre for turn in turns])
+        return float(np.abs(surface.closest(p)[2]).max())
+
+    return np.eye(3)[[away(e) < _NEAR_M for e in np.eye(3)]]
+
+
+def _has_gait(clearance: Clearance, axis: np.ndarray, along: np.ndarray, moving: list[Step]) -> bool:
+    """Whether a motion comes back that begins with an axis of the object along one of the world."""
+    X = np.eye(4)
+    X[:3, :3] = aligned(axis, along)
+    return Period.of(build(X, moving), clearance.surface, clearance.p_OCom) is not None
 
 
 def palms(hand: Hand) -> list[Vector]:

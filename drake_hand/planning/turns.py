@@ -5,6 +5,7 @@ Which of them works does not depend on the number of cores or on how fast they a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -108,6 +109,7 @@ def in_turn(
     further: Iterator[Offer],
     out_of_time: Callable[[], bool],
     deadline: float,
+    enough: float = math.inf,
 ) -> Iterator[list[tuple[Attempt, Node]]]:
     """Rounds of searching; what each found.
 
@@ -117,14 +119,15 @@ def in_turn(
         further: attempts to add, some beside each round that follows one in which one got no farther.
         out_of_time: asked before each round.
         deadline: on the monotonic clock.
+        enough: attempts at work, as many as which leave no room for further ones.
 
     Raises:
         NoPlanFound: time is up, or nothing was found and nothing is left to try.
     """
     found = behind = False
     while not out_of_time():
-        offer = next(further, None) if behind else None
         live = sorted((x for x in attempts if not x.search.exhausted), key=lambda x: x.effort)
+        offer = next(further, None) if behind and len(live) < enough else None
         if not live and offer is None:
             break
         now = live[:SEARCHES_AT_ONCE]

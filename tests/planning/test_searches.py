@@ -61,9 +61,11 @@ def test_gaits_are_looked_for_until_one_is_good(monkeypatch, regrasps, taken, lo
     assert len(looked) == looked_at
 
 
-def lasts(margin: float = -np.inf) -> SimpleNamespace:
+def lasts(margin: float = -np.inf, ticks: int = 36, fineness: int = 1) -> SimpleNamespace:
     """A search one of whose grasps lasts for the whole motion, with so much margin; or none does."""
-    return SimpleNamespace(straight=margin > -np.inf, straight_margin=margin)
+    path = SimpleNamespace(ticks=ticks, fineness=fineness)
+    moves = SimpleNamespace(path=path)
+    return SimpleNamespace(straight=margin > -np.inf, straight_margin=margin, moves=moves)
 
 
 def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
@@ -78,7 +80,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.append(failures) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, *_, **__: begun.append(failures) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES
 
@@ -100,9 +102,31 @@ def test_a_few_starts_do_where_a_grasp_of_one_lasts_and_these_come_first(monkeyp
     monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: some.extend(these) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, *_, **__: some.extend(these) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert [x.task for x in some] == begun
+
+
+@pytest.mark.parametrize(
+    ("ticks", "fineness", "gaits", "enough"),
+    [
+        (searches.LONG_TICKS - 1, 1, False, np.inf),
+        (searches.LONG_TICKS, 1, False, 1),
+        (searches.LONG_TICKS, 2, False, np.inf),
+        (4 * searches.LONG_TICKS, 1, True, np.inf),
+    ],
+)
+def test_on_long_ways_without_a_gait_further_starts_wait_until_no_search_is_left(
+    monkeypatch, ticks, fineness, gaits, enough
+):
+    begun = []
+    attempt = SimpleNamespace(task=0, promise=0.0, ease=0, search=lasts(ticks=ticks, fineness=fineness))
+    monkeypatch.setattr(attempts_, "from_start", lambda *_: attempt)
+    monkeypatch.setattr(searches, "_coming_back", lambda problem, x: x if gaits else None)
+    monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
+    monkeypatch.setattr(searches, "_in_turn", lambda *_, enough: begun.append(enough) or iter(()))
+    assert list(searches.from_grasps(problem_of(None), [0], Grasp(), [], [])) == []
+    assert begun == [enough]
 
 
 @pytest.mark.parametrize(
@@ -263,7 +287,7 @@ def test_starts_after_the_first_few_come_in_the_order_of_how_long_contacts_last_
     monkeypatch.setattr(searches, "most_enduring_first", lambda problem, tasks, *_: tasks[::-1])
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda *_, **__: iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(7)), Grasp(), ["a step"], [])) == []
     assert asked == [0, 1, 2, 3, 6, 5, 4]
 
@@ -331,7 +355,7 @@ def test_starts_beside_are_tried_after_gaits_and_only_where_no_grasp_lasts(monke
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: told.append("gaits") or [])
     monkeypatch.setattr(searches, "starts_beside", lambda problem, *_: told.append("beside") or [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, these, failures, more: iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda *_, **__: iter(()))
     assert list(searches.from_grasps(problem_of("auto"), list(range(40)), Grasp(), [], [])) == []
     assert told == asked
 
@@ -357,7 +381,7 @@ def test_gaits_are_looked_for_first_where_the_grasp_can_spare_most_fingers(monke
     monkeypatch.setattr(attempts_, "from_start", lambda problem, task, *_: attempt(task, period=None))
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: attempt(x.task, period="one"))
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, more: begun.extend(some) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, *_, **__: begun.extend(some) or iter(()))
     assert list(searches.from_grasps(problem_of(None), [2, 5, 4], Grasp(), [], [])) == []
     assert [x.task for x in begun if x.search.period] == [5, 4, 2]
     assert [x.task for x in begun if not x.search.period] == [2, 5, 4]

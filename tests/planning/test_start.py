@@ -108,6 +108,20 @@ def test_a_long_object_that_is_turned_lies_across_the_fingers_at_some_place_of_i
     assert (alone[[0, 3]].sum(axis=1) > 3).all(), "some only where they start, some only where they end"
 
 
+@pytest.mark.parametrize(("off_m", "whole"), [(0.0, False), (0.01, True)])
+def test_what_looks_alike_but_has_no_gait_always_starts_with_its_axis_along_that_of_the_turn(off_m, whole):
+    """A mass beside the axis leaves no gait: fingers find the surface where it was before, but other forces."""
+    about = np.array([1.0, 0.0, 0.0])
+    can = replace(Object.load("cylinder"), p_OCom=np.array([off_m, 0.0, 0.0]))
+    round_ = Step(rotate=Rotate(axis=tuple(about.tolist()), angle_deg=360.0))
+    asked = spin(start="auto", motion=[Step(grasp=Grasp()), round_])
+    some = starts(asked, Clearance(Scene(Hand.load("kanguera"), can)))
+    axes = Rotation.from_euler("xyz", [x.start.rpy_deg for x in some], degrees=True).apply([0.0, 0.0, 1.0])
+    along = np.abs(axes @ about) > np.cos(np.radians(2.0))
+    assert along.any()
+    assert along.all() == whole
+
+
 def test_starts_depend_on_the_seed_alone(clearance, auto):
     task = spin(start="auto")
     assert starts(task, clearance) == auto
