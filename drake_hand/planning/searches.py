@@ -111,8 +111,8 @@ def from_grasps(
     further = further_starts(problem, starts, free, wanted, moving, then, gaits=gaits) if movable else iter(())
     path = free[0].search.moves.path if free else None
     long = path is not None and path.ticks >= LONG_TICKS * path.fineness
-    enough = 1 if long and not gaits else math.inf
-    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further), enough=enough)
+    most = 1 if long and not gaits else math.inf
+    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further), enough=most)
 
 
 def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step]) -> Iterator[Task]:

@@ -80,7 +80,7 @@ def test_starts_without_a_grasp_are_made_up_for(monkeypatch):
     monkeypatch.setattr(attempts_, "from_start", grasps)
     monkeypatch.setattr(searches, "_coming_back", lambda problem, x: None)
     monkeypatch.setattr(searches, "_gaits", lambda problem, some, wanted: [])
-    monkeypatch.setattr(searches, "_in_turn", lambda problem, some, failures, *_, **__: begun.append(failures) or iter(()))
+    monkeypatch.setattr(searches, "_in_turn", lambda a, b, failures, *_, **__: begun.append(failures) or iter(()))
     assert list(searches.from_grasps(problem_of(None), list(range(40)), Grasp(), [], [])) == []
     assert len(begun[0]) == searches.START_POSES
 
