@@ -7,7 +7,6 @@ are tried before expensive ones: a grasp that lasts for the whole motion, then a
 from __future__ import annotations
 
 import itertools
-import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -111,8 +110,7 @@ def from_grasps(
     further = further_starts(problem, starts, free, wanted, moving, then, gaits=gaits) if movable else iter(())
     path = free[0].search.moves.path if free else None
     long = path is not None and path.ticks >= LONG_TICKS * path.fineness
-    most = 1 if long and not gaits else math.inf
-    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further), enough=most)
+    yield from _in_turn(problem, searching, failures, _also_coming_back(problem, further), waiting=long and not gaits)
 
 
 def _in_order(problem: Problem, tasks: list[Task], wanted: Grasp, moving: list[Step]) -> Iterator[Task]:
@@ -203,7 +201,7 @@ def _in_turn(
     failures: list[NoPlanFound],
     more: Iterable[Offer] = (),
     most: int | None = None,
-    enough: float = math.inf,
+    waiting: bool = False,
 ) -> Iterator[tuple[Task, LegBuilder]]:
     """The motions that some searches find in turn, within a number of expansions if one is given; see `in_turn`."""
 
@@ -211,7 +209,7 @@ def _in_turn(
         spent = most is not None and sum(x.expansions for x in attempts) >= most
         return spent or time.monotonic() > problem.deadline
 
-    rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline, enough)
+    rounds = in_turn(attempts, failures, iter(more), given_up, problem.deadline, waiting)
     while True:
         before = sum(x.expansions for x in attempts)
         with problem.stage("search"):

@@ -104,8 +104,8 @@ def poses(task: Task, clearance: Clearance, world: World, rng: np.random.Generat
     if turned is not None and turned.frame == "wrist" and turned.about_mm is None:
         given, angle = np.asarray(turned.axis) / np.linalg.norm(turned.axis), np.radians(abs(turned.angle_deg))
         axes, often = _looking_alike(surface, angle)
-        gaits = any(_has_gait(clearance, e, given, moving) for e in axes)
-        if angle >= FEWEST_PERIODS * SHORTEST_PERIOD_RAD and not gaits:
+        long = angle >= FEWEST_PERIODS * SHORTEST_PERIOD_RAD
+        if long and not any(_has_gait(clearance, e, given, moving) for e in axes):
             round_about = _round_about(surface, points)
             axes, always = (round_about, True) if len(round_about) else (axes, False)
     near = np.abs((points - surface.centre) @ surface.long_axis) < _HALF_BREADTH_M

@@ -5,7 +5,6 @@ Which of them works does not depend on the number of cores or on how fast they a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -109,7 +108,7 @@ def in_turn(
     further: Iterator[Offer],
     out_of_time: Callable[[], bool],
     deadline: float,
-    enough: float = math.inf,
+    waiting: bool = False,
 ) -> Iterator[list[tuple[Attempt, Node]]]:
     """Rounds of searching; what each found.
 
@@ -119,7 +118,7 @@ def in_turn(
         further: attempts to add, some beside each round that follows one in which one got no farther.
         out_of_time: asked before each round.
         deadline: on the monotonic clock.
-        enough: attempts at work, as many as which leave no room for further ones.
+        waiting: whether further attempts wait until none is at work.
 
     Raises:
         NoPlanFound: time is up, or nothing was found and nothing is left to try.
@@ -127,7 +126,7 @@ def in_turn(
     found = behind = False
     while not out_of_time():
         live = sorted((x for x in attempts if not x.search.exhausted), key=lambda x: x.effort)
-        offer = next(further, None) if behind and len(live) < enough else None
+        offer = next(further, None) if behind and not (waiting and live) else None
         if not live and offer is None:
             break
         now = live[:SEARCHES_AT_ONCE]

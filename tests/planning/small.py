@@ -2,8 +2,10 @@
 
 import itertools
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -196,3 +198,15 @@ def touch(reach: ReachTable, hold: ContactSpan) -> approach.PlannedContact:
     """Where a hold begins, as closing the hand asks for it."""
     X = reach.path.X_WO[hold.birth]
     return approach.PlannedContact(q=hold.q[0], n_W=hold.n_W[0], p_OP=X[:3, :3].T @ (hold.p_WP[0] - X[:3, 3]))
+
+
+def problem_of(start: object) -> SimpleNamespace:
+    """As much of a problem as searches from several starts look at; `start` is that of its task."""
+    return SimpleNamespace(
+        deadline=np.inf,
+        stage=lambda name: nullcontext(),
+        progress=lambda p: None,
+        builder=lambda task: None,
+        clearance=None,
+        task=SimpleNamespace(start=start, options=SimpleNamespace(seed=0)),
+    )

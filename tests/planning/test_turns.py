@@ -90,13 +90,15 @@ def test_where_all_searches_are_exhausted_what_is_prepared_goes_on():
     assert late.search.expansions == SLICE_EXPANSIONS
 
 
-def test_where_enough_searches_are_at_work_a_further_start_is_prepared_once_one_of_them_is_exhausted():
+def test_where_further_starts_wait_one_is_prepared_once_no_search_is_left():
     some, (late,) = begun(_Search(0.9), _Search(0.8)), begun(_Search(0.1))
-    rounds = in_turn(some, [], offering(late), lambda: False, np.inf, 2)
+    rounds = in_turn(some, [], offering(late), lambda: False, np.inf, waiting=True)
     for _ in range(5):
         next(rounds)
-    assert len(some) == 2
     some[0].search.exhausted = True
+    next(rounds)
+    assert len(some) == 2
+    some[1].search.exhausted = True
     next(rounds)
     assert some[2:] == [late]
 
