@@ -32,7 +32,7 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
         return []
     if finger not in moves.fingers or not moves.allowed(whole | {finger}):
         return []
-    q, _, n_W = moves.contacts(finger, state.X, POINTS_OFFERED)
+    q, _, _ = moves.contacts(finger, state.X, POINTS_OFFERED)
     room = moves.rooms(
         np.full(len(q), finger), q, *moves.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
     )
@@ -50,7 +50,8 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
     best = sorted((i for i, x in enumerate(out) if x.margins[-1] >= 0), key=lambda i: -out[i].score)
     kept: list[Node] = []
     for some in (best[i : i + CONTACTS_KEPT] for i in range(0, len(best), CONTACTS_KEPT)):
-        found = _transits(moves, state, finger, q[order[some]], n_W[order[some]])
+        n_W = np.stack([out[i].n_W[finger] for i in some])  # those that the paths will be made with
+        found = _transits(moves, state, finger, q[order[some]], n_W)
         for i, (rise, landing, stop) in zip(some, found.tolist(), strict=True):
             if rise >= 0:
                 out[i].move = FingerSwitch(finger=finger, rise=rise, landing=landing, stop=stop - 1)

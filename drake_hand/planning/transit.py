@@ -76,7 +76,8 @@ class Surroundings:
 def leaning(n_W: np.ndarray) -> np.ndarray:
     """(..., 1 + LEANS, 3) unit directions off contacts: their normals (..., 3), and those that lean to each side."""
     angle = np.linspace(0, 2 * np.pi, LEANS, endpoint=False)[:, None]
-    across = cross(n_W, np.eye(3)[np.argmin(np.abs(n_W), axis=-1)])
+    # rounded, for where two are equal but for the last digit the same normal is to give the same ways each time
+    across = cross(n_W, np.eye(3)[np.argmin(np.abs(n_W).round(9), axis=-1)])
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
     up, one, two = (x[..., None, :] for x in (n_W, across, cross(n_W, across)))
     aside = np.cos(angle) * one + np.sin(angle) * two

@@ -11,6 +11,7 @@ from drake_hand.planning.transit import (
     MOVING_CLEARANCE_M,
     Surroundings,
     detour,
+    leaning,
     lift_off,
     straight_path,
     travel,
@@ -44,6 +45,16 @@ def test_a_lift_goes_straight_up_the_normal(pencil):
         up = np.linspace(0.0, HEIGHT, LIFT_KNOTS)[:, None] * h.n_W[0]
         np.testing.assert_allclose(p_WC - p_WC[0], up, atol=3e-5)
         np.testing.assert_array_equal(way[0], h.q[0])
+
+
+def test_ways_that_lean_are_the_same_whatever_the_last_digit_of_the_normal():
+    """A finger was sent another way than the one looked at: the normal of a can's end, once more, had two other zeros."""
+    for n_W in (*np.eye(3), *-np.eye(3), np.array([1.0, 1.0, 0.0]) / np.sqrt(2)):
+        ways = leaning(n_W)
+        np.testing.assert_allclose(ways @ n_W, [1.0, *[np.cos(np.radians(45))] * 8], atol=1e-12)
+        for k in range(3):
+            for off in (-1e-15, 1e-15):
+                np.testing.assert_allclose(leaning(n_W + off * np.eye(3)[k]), ways, atol=1e-12)
 
 
 def test_a_lift_that_begins_against_another_finger_is_refused_though_it_ends_clear(pencil):

@@ -99,6 +99,7 @@ def test_ways_of_switches_are_clear_all_along_and_end_at_the_contact():
                 around, pieces = Surroundings.of(c, q, X, f), path_pieces(m, before, after)
                 np.testing.assert_allclose(pieces[0][0], before.q[f])
                 np.testing.assert_allclose(pieces[-1][-1], after.q[f])
+                assert all(piece.any(axis=1).all() for piece in pieces), "of a way that breaks off the rest is zero"
                 lifted, landed = bool(before.touching[f]), bool(after.touching[f])
                 for k, piece in enumerate(pieces):
                     at_contact = (k == 0 and lifted) or (k == len(pieces) - 1 and landed)
