@@ -48,7 +48,7 @@ def test_a_lift_goes_straight_up_the_normal(pencil):
 
 
 def test_ways_that_lean_are_the_same_whatever_the_last_digit_of_the_normal():
-    """A finger was sent another way than the one looked at: the normal of a can's end, once more, had two other zeros."""
+    """Worked out again, the normal of a can's end has other zeros: a finger went another way than the one looked at."""
     for n_W in (*np.eye(3), *-np.eye(3), np.array([1.0, 1.0, 0.0]) / np.sqrt(2)):
         ways = leaning(n_W)
         np.testing.assert_allclose(ways @ n_W, [1.0, *[np.cos(np.radians(45))] * 8], atol=1e-12)
