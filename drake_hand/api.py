@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
@@ -18,7 +18,9 @@ from drake_hand.plans.task import Options, Task
 
 if TYPE_CHECKING:
     from drake_hand.model.hand import Hand
+    from drake_hand.physics.engine import EngineName
     from drake_hand.physics.run import Record, SimulatedRun
+    from drake_hand.physics.trial import Trial
     from drake_hand.view.page import Page
 
 
@@ -30,11 +32,15 @@ class PlanResult:
     regrasps: int
     """Fingers that broke contact and made it elsewhere."""
     plan_s: float
-    """Seconds from task to timed plan; imports and certificate apart."""
+    """Seconds from task to timed plan; imports, certificates and replays apart."""
     stages_s: dict[str, float]
-    """Seconds by stage, the certificate among them."""
+    """Seconds by stage, the certificate and replays among them."""
     compared: int = 1
     """Certified plans among which this one is the best."""
+    replayed: Trial | None = None
+    """Where it was asked for."""
+    lost: int = 0
+    """Certified plans before this one that physics did not hold."""
 
 
 def solve(
@@ -44,11 +50,13 @@ def solve(
     seed: int | None = None,
     time_limit: float | None = None,
     better: bool = False,
+    replay: EngineName | None = None,
 ) -> PlanResult:
     """Searches, times and certifies a plan.
 
     The best of several has the fewest regrasps; among equals, an error of the object's pose at the start grows least
-    until the end (:mod:`drake_hand.physics.growth`); then the shortest is.
+    until the end (:mod:`drake_hand.physics.growth`); then the shortest is. Where a replay is asked for,
+    plans in which physics drops the object, or that end more than 3 mm or 8 deg off, are passed over.
 
     Args:
         task: a task, its bundled name or its path.
@@ -56,10 +64,11 @@ def solve(
         seed: instead of the task's.
         time_limit: s, instead of the task's.
         better: whether to look on, until the time limit or Ctrl-C, and return the best.
+        replay: the engine that has to hold the object, too; replays count against the time limit.
 
     Raises:
-        InputError: the task, hand or object is wrong.
-        NoPlanFound: there is no plan, or none in time, or what was found does not pass the certificate.
+        InputError: the task, hand or object is wrong, or cannot be replayed.
+        NoPlanFound: there is no plan, or none in time, or what was found does not pass certificate and replay.
     """
     if not isinstance(task, Task):
         task = Task.load(task)
@@ -70,8 +79,12 @@ def solve(
     from drake_hand.motion.timing import time_path
     from drake_hand.planning.planner import find_paths
 
-    start, proving, timing, compared = perf_counter(), 0.0, 0.0, 0
-    refused: Unproven | None = None
+    if replay:
+        from drake_hand.physics.trial import check_tried
+
+        check_tried(task, replay)
+    start, timing, apart, compared, lost = perf_counter(), 0.0, {"certificate": 0.0}, 0, 0
+    refused: PlanRefused | None = None
     best: PlanResult | None = None
     try:
         for path in find_paths(task, progress=progress):
@@ -81,15 +94,28 @@ def solve(
             plan = time_path(path)
             timed = perf_counter()
             certificate = check(plan, progress=progress)
-            timing, proving = timing + timed - found, proving + perf_counter() - timed
+            proved = perf_counter()
+            timing += timed - found
+            apart["certificate"] += proved - timed
+            plan = msgspec.structs.replace(plan, certificate=certificate)
             if not certificate.certified:
-                refused = refused or Unproven(plan, certificate)
+                refused = refused or PlanRefused(plan, "certificate", certificate.failures)
                 continue
+            trial = None
+            if replay:
+                trial = _tried(plan, replay, progress)
+                apart["replay"] = apart.get("replay", 0.0) + perf_counter() - proved
+                if not trial.run.success:
+                    lost += 1
+                    refused = refused or PlanRefused(plan, "replay", [trial.outcome])
+                    continue
             result = PlanResult(
-                plan=msgspec.structs.replace(plan, certificate=certificate),
+                plan=plan,
                 regrasps=path.stats["regrasps"],
-                plan_s=perf_counter() - start - proving,
-                stages_s={**path.stats["stages_s"], "timing": timing, "certificate": proving},
+                plan_s=perf_counter() - start - sum(apart.values()),
+                stages_s={**path.stats["stages_s"], "timing": timing, **apart},
+                replayed=trial,
+                lost=lost,
             )
             if not better:
                 return result
@@ -97,6 +123,8 @@ def solve(
             best = result if best is None or _cost(result) < _cost(best) else best
     except NoPlanFound as e:
         if best is None:
+            if refused:
+                refused.status = e.status
             raise refused or e from None
     except KeyboardInterrupt:
         if best is None:
@@ -118,19 +146,30 @@ def _cost(result: PlanResult) -> tuple[int, float, float]:
     return result.regrasps, grown, plan.duration
 
 
-class Unproven(NoPlanFound):
-    """Plans were found, but none passes its certificate.
+def _tried(plan: Plan, engine: EngineName, progress: Callable[[Progress], None] | None) -> Trial:
+    """What physics makes of a plan."""
+    from drake_hand.physics.trial import try_out
+
+    def tell(share: float) -> None:
+        if progress:
+            progress(Progress(stage="replay", fraction=share))
+
+    return try_out(plan, engine, tell)
+
+
+class PlanRefused(NoPlanFound):
+    """Plans were found, but none that passes.
 
     Args:
         plan: the first of them, with its certificate.
-        certificate: which says why.
+        by: what it does not pass.
+        failures: why not, in words.
     """
 
-    def __init__(self, plan: Plan, certificate: Certificate) -> None:
-        reason = "the plan found does not pass its certificate: " + "; ".join(certificate.failures)
-        evidence = Evidence(constraint="certificate", modes=plan.modes, violations=certificate.failures)
-        super().__init__(reason, evidence=evidence)
-        self.plan = msgspec.structs.replace(plan, certificate=certificate)
+    def __init__(self, plan: Plan, by: Literal["certificate", "replay"], failures: list[str]) -> None:
+        reason = f"the plan found does not pass its {by}: " + "; ".join(failures)
+        super().__init__(reason, evidence=Evidence(constraint=by, modes=plan.modes, violations=failures))
+        self.plan = plan
 
 
 def unfinished(error: NoPlanFound) -> Plan | None:
@@ -140,11 +179,11 @@ def unfinished(error: NoPlanFound) -> Plan | None:
         error: what :func:`solve` ended with.
 
     Returns:
-        A plan that was refused by its certificate, or a part, not checked; None where no search got anywhere.
+        A plan that was refused, with its certificate, or a part, not checked; None where no search got anywhere.
     """
     from drake_hand.planning.failure import Stopped
 
-    if isinstance(error, Unproven):
+    if isinstance(error, PlanRefused):
         return error.plan
     if not isinstance(error, Stopped):
         return None

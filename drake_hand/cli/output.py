@@ -36,6 +36,7 @@ STAGES = {
     "forces": "balancing contact forces",
     "timing": "timing the motion",
     "certificate": "proving the plan",
+    "replay": "replaying the plan",
     "physics": "simulating",
 }
 """Stages of planning in words, while it is at work."""

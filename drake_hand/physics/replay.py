@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -19,6 +20,7 @@ from drake_hand.physics.run import Record, SimulatedRun, judge
 from drake_hand.physics.simulation import ContactKind, DrakeSimulation
 from drake_hand.plans.holds import free_windows, hold_windows
 from drake_hand.plans.plan import Plan
+from drake_hand.plans.task import Task
 from drake_hand.plans.tolerances import DROPPED_MM
 from drake_hand.plans.trajectory import Trajectory
 from drake_hand.verify.certificate import check_models
@@ -57,8 +59,7 @@ def replay(
     if plan.task.support and contact == "point" and engine == "drake":
         expected = "hydroelastic: Drake has a single point between object and table otherwise"
         raise InputError("a table is not simulated with point contact", key="contact", found=contact, expected=expected)
-    if any(step.push for step in plan.task.motion):
-        raise InputError("a push needs a support, which is not simulated", key="task.motion", found="push")
+    check_simulated(plan.task, engine)
     perturbation = perturbation or Perturbation()
     hand, object_ = Hand.load(plan.task.hand), Object.load(plan.task.object)
     check_models(plan, hand, object_)
@@ -117,6 +118,24 @@ def replay(
     return judge(record, plan, object_, perturbation, free=free, dropped=dropped, correction=report), record
 
 
+def check_simulated(task: Task, engine: EngineName, *, key: str = "--engine") -> None:
+    """That what a task asks for is simulated by an engine that is there.
+
+    Args:
+        task: what is asked.
+        engine: whose physics.
+        key: by which that was chosen.
+
+    Raises:
+        InputError: it pushes, or the engine is not installed.
+    """
+    if any(step.push for step in task.motion):
+        raise InputError("a push needs a support, which is not simulated", key="task.motion", found="push")
+    if engine == "mujoco" and not find_spec("mujoco"):
+        expected = "pip install 'drake_hand[mujoco]'"
+        raise InputError("MuJoCo is not installed", key=key, found=engine, expected=expected)
+
+
 def _within(t: float, windows: list[tuple[float, float]]) -> bool:
     return any(a - 1e-9 <= t <= b + 1e-9 for a, b in windows)
 
@@ -145,11 +164,8 @@ def _engine(
             contact=contact,
             table=plan.task.table,
         )
-    try:
-        from drake_hand.physics.mujoco_simulation import MujocoSimulation
-    except ImportError as e:
-        expected = "pip install 'drake_hand[mujoco]'"
-        raise InputError("MuJoCo is not installed", key="--engine", found=engine, expected=expected) from e
+    from drake_hand.physics.mujoco_simulation import MujocoSimulation
+
     return MujocoSimulation(
         hand,
         object_,

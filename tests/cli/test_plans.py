@@ -130,6 +130,19 @@ def test_plan_writes_everything_or_nothing(certified, tmp_path, monkeypatch, cap
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.html", "a.plan.json"]
 
 
+def test_a_plan_is_replayed_where_that_is_asked(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["plan", "carry", "--replay", "mujoco"]) == 0
+    assert re.search(r"and replayed in [0-9.]+ s\nheld in mujoco, ends 0\.[0-9]+ mm", capsys.readouterr().out)
+    assert cli.run(["plan", "carry", "--replay", "mujoco", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["replay"]["engine"] == "mujoco"
+    assert not answer["replay"]["dropped"]
+    assert answer["replay"]["lost_before"] == 0
+    assert cli.run(["plan", "twirl", "--replay", "mujoco"]) == 2
+    assert "task.options.hold" in capsys.readouterr().err
+
+
 def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch, capsys):
     def fail(task, **_):
         raise NoPlanFound("index cannot reach", evidence=Evidence(finger="index"))
@@ -141,24 +154,28 @@ def test_page_of_an_older_plan_is_gone_when_there_is_none(tmp_path, monkeypatch,
     assert "no plan (infeasible): index cannot reach" in page.read_text()
 
 
-def test_what_was_found_of_a_plan_is_kept(certified, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("by", "kept_as"), [("certificate", "not certified"), ("replay", "certified, but lost in physics")]
+)
+def test_what_was_found_of_a_plan_is_kept(by, kept_as, certified, tmp_path, monkeypatch, capsys):
     """Beside where the plan would be; an older plan there stays."""
-    failing = msgspec.structs.replace(certified.certificate, certified=False, failures=["slip_mm"])
+    proof = msgspec.structs.replace(certified.certificate, certified=by == "replay", failures=[])
+    found = msgspec.structs.replace(certified, certificate=proof.sealed())
 
     def refuse(task, **_):
-        raise api.Unproven(certified, failing)
+        raise api.PlanRefused(found, by, ["slip_mm"])
 
     monkeypatch.setattr(api, "solve", refuse)
     older, page = tmp_path / "a.plan.json", tmp_path / "a.html"
     older.write_text("an older plan")
     assert cli.run(["plan", "spin", "-o", str(older), "--html", str(page)]) == 1
     err = capsys.readouterr().err
-    assert "does not pass its certificate: slip_mm" in err
+    assert f"does not pass its {by}: slip_mm" in err
     kept = tmp_path / "a.partial.plan.json"
-    assert str(kept) in err
-    assert not Plan.load(kept).certified
+    assert f"{kept}: {kept_as}" in err
+    assert Plan.load(kept).certified == (by == "replay")
     assert older.read_text() == "an older plan"
-    assert "does not pass its certificate" in page.read_text()
+    assert f"does not pass its {by}" in page.read_text()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "198.51.100.1"])
