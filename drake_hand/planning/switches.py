@@ -32,7 +32,7 @@ def draw_switches(moves: Moves, state: Node, finger: int) -> list[Node]:
         return []
     if finger not in moves.fingers or not moves.allowed(whole | {finger}):
         return []
-    q, _, _ = moves.contacts(finger, state.X, POINTS_OFFERED)
+    q = moves.contacts(finger, state.X, POINTS_OFFERED)[0]
     room = moves.rooms(
         np.full(len(q), finger), q, *moves.look(np.full(len(q), state.s), np.tile(state.off, (len(q), 1)))
     )
