@@ -68,7 +68,7 @@ class Finger:
 class Hand:
     """A hand: n fingers, nq commanded joints (coupled joints follow and are not in q).
 
-    Arrays over joints have shape (nq,), in rad, rad/s, rad/s^2, Nm, Nm/rad, Nm s/rad.
+    Arrays over joints have shape (nq,), in rad, rad/s, rad/s^2, Nm, Nm/rad, Nm s/rad; they are read-only.
     """
 
     name: str
@@ -208,7 +208,9 @@ def _build(spec: HandSpec, urdf: Urdf, file: Path) -> Hand:
     limits = {name: _limits(name, spec, urdf, file) for name in joints}
 
     def column(key: str) -> np.ndarray:
-        return np.array([limits[j][key] for j in joints])
+        values = np.array([limits[j][key] for j in joints])
+        values.flags.writeable = False  # a hand is shared by all who plan with it
+        return values
 
     return Hand(
         name=spec.name,

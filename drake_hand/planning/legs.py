@@ -35,7 +35,7 @@ class LegBuilder:
     """Strings legs together, and keeps track of the hand's posture, the object's pose and who touches."""
 
     def __init__(self, hand: Hand, q: np.ndarray, X_WO: np.ndarray) -> None:
-        self.hand, self.q, self.X_WO = hand, q, X_WO
+        self.hand, self.q, self.X_WO = hand, q.copy(), X_WO
         self.touching: dict[int, np.ndarray] = {}
         """Contact points in O (3,) by finger index."""
         self.sliding: set[int] = set()

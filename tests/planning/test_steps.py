@@ -66,11 +66,11 @@ PLACES = [(0, 8e-3, -0.022), (1, 8e-3, 0.022), (2, -8e-3, -0.01), (3, -8e-3, 0.0
 def held() -> LegBuilder:
     """Four fingers of the quartet on a pencil."""
     reach = table("quartet", "pencil_r8", turn(2.5))
-    X, q, fingers = reach.path.X_WO[0], PENCIL.hand.q_home.copy(), PENCIL.hand.fingers
-    builder = LegBuilder(PENCIL.hand, q, X)
+    X, fingers = reach.path.X_WO[0], PENCIL.hand.fingers
+    builder = at_home(PENCIL, X)
     for i, y, z in PLACES:
         h = contact(reach, i, (0.0, y, z))
-        q[fingers[i].columns] = h.q[0]
+        builder.q[fingers[i].columns] = h.q[0]
         builder.make(i, X[:3, :3].T @ (h.p_WP[0] - X[:3, 3]))
     return builder
 
