@@ -25,6 +25,8 @@ from drake_hand.plans.trajectory import Trajectory
 
 MishapKind = Literal["object_taken", "cable_off"]
 _SAMPLE_STEPS = 5
+_FALLEN_M = 1.0
+"""So far from where it was brought it lies on the floor."""
 _AGAIN_S = 0.5
 """So far back in plan time is another run; where a pause ends it goes back by a step."""
 
@@ -138,6 +140,8 @@ class DrivenHand:
             self._q[self._loose], self._v[self._loose] = physics.q[self._loose], physics.v[self._loose]
         physics.command(self._q, self._v)
         physics.advance(self._begin + t)
+        if np.linalg.norm(physics.X_WO[:3, 3] - self._X_start[:3, 3]) > _FALLEN_M:
+            physics.take_back()  # falling on and on, what spins ends in numbers that are none
         plan_time = self.clock.plan_time if self.clock.tells_of(self._plan) else math.nan
         if np.isfinite(plan_time) and plan_time >= 0 and self.enabled():
             self._watch(t, plan_time)
@@ -165,7 +169,7 @@ class DrivenHand:
     def _away(self) -> np.ndarray:
         """(4, 4) where nothing touches the object."""
         X_WO = self._X_start.copy()
-        X_WO[2, 3] -= 1.0
+        X_WO[2, 3] -= _FALLEN_M
         return X_WO
 
     def _put_away(self) -> None:

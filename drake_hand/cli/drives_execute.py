@@ -165,6 +165,7 @@ def execute(
                         played,
                         bus,
                         plan=plan,
+                        to_start=True,
                         object_there=pause is None,
                         open_=open,
                         power=not (simulate or yes),
@@ -186,7 +187,7 @@ def execute(
                     progress=progress,
                 )
                 if run.wants_open:
-                    come(found.task.hand, played, bus, power=False, progress=progress)
+                    come(found.task.hand, played, bus, plan=plan, open_=True, power=False, progress=progress)
         except preflight.Refused as e:
             if not json:
                 raise

@@ -113,6 +113,7 @@ def goto(
             found,
             bus,
             plan=plan,
+            to_start=True,
             object_there=True,
             open_=open,
             power=not yes,

@@ -37,13 +37,24 @@ class Wish(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     start: dict[str, float]
     """Joints, rad; joints that do not report are assumed to be at their goal."""
     plan: str | None
-    """To the start of this plan; home if not given."""
+    """What was played, or will be."""
+    to_start: bool
+    """To where the plan starts; else home."""
     object_there: bool
     """Whether the plan's object stands where the plan starts."""
+    held_s: float | None
+    """Plan time at which the fingers may hold the object, s."""
 
 
 def way(
-    hand: str, joints: Sequence[str], q: np.ndarray, *, plan: Path | None = None, object_there: bool = False
+    hand: str,
+    joints: Sequence[str],
+    q: np.ndarray,
+    *,
+    plan: Path | None = None,
+    to_start: bool = False,
+    object_there: bool = False,
+    held_s: float | None = None,
 ) -> Plan:
     """A certified path, as a plan without contacts.
 
@@ -51,15 +62,24 @@ def way(
         hand: bundled name or path of the hand file.
         joints: names of those measured.
         q: (n,) where they are, rad.
-        plan: to whose start; home if not given.
+        plan: what was played, or will be.
+        to_start: to where the plan starts; else home.
         object_there: whether the plan's object stands where the plan starts, to be kept clear of.
+        held_s: plan time at which the fingers may hold the object, of which they let go first, s.
 
     Raises:
         NoPlanFound: there is none, or it does not pass its certificate; says why.
         DrakeHandError: no Drake here.
     """
     start = dict(zip(joints, q.tolist(), strict=True))
-    wish = Wish(hand=hand, start=start, plan=str(plan) if plan else None, object_there=object_there)
+    wish = Wish(
+        hand=hand,
+        start=start,
+        plan=str(plan) if plan else None,
+        to_start=to_start,
+        object_there=object_there,
+        held_s=held_s,
+    )
     child = subprocess.run([sys.executable, "-c", _CHILD], input=msgspec.json.encode(wish), capture_output=True)
     try:
         answer = msgspec.json.decode(child.stdout)
@@ -77,6 +97,7 @@ def come(
     bus: can.BusABC,
     *,
     plan: Path | None = None,
+    to_start: bool = False,
     object_there: bool = False,
     open_: bool = False,
     power: bool,
@@ -88,7 +109,8 @@ def come(
         hand: bundled name or path of the hand file.
         drives: of the hand.
         bus: open.
-        plan: to whose start; home if not given.
+        plan: what was played, or will be.
+        to_start: to where the plan starts; else home.
         object_there: whether the plan's object stands where the plan starts.
         open_: whether the fingers may open where they may hold the plan's object.
         power: whether to ask before power is given.
@@ -107,7 +129,7 @@ def come(
     if held is not None and not open_:
         line = f"the fingers are where they hold the object at {held:.2f} s of the plan (--open lets it fall)"
         raise preflight.Refused([line], wrong_input=False, disabled=not any(c.state.powered for c in found))
-    there = way(hand, drives.joints, q, plan=plan, object_there=object_there)
+    there = way(hand, drives.joints, q, plan=plan, to_start=to_start, object_there=object_there, held_s=held)
     words = describe(there) + ("; the object falls" if held is not None else "; what the hand holds falls")
     person = Terminal(lambda _: words, power=power)
     return executor.execute(there, drives, bus, excerpt=Excerpt(speed=SPEED_SHARE), person=person, progress=progress)
@@ -126,17 +148,20 @@ def _find(wish: Wish) -> Plan:
     from drake_hand.model.object import Object
     from drake_hand.model.scene import Scene
     from drake_hand.motion.timing import time_path
-    from drake_hand.planning.way_home import find_way
+    from drake_hand.planning.way_home import HeldObject, find_way
     from drake_hand.verify.way import certify_way
 
-    hand, X_WO = Hand.load(wish.hand), None
-    if wish.plan is None:
-        goal, task = hand.q_home, Task(hand=wish.hand, object="sphere", start=_NOWHERE, motion=[])
-    else:
+    hand, X_WO, held = Hand.load(wish.hand), None, None
+    goal, task = hand.q_home, Task(hand=wish.hand, object="sphere", start=_NOWHERE, motion=[])
+    if wish.plan is not None:
         plan = Plan.load(wish.plan)
-        first = Trajectory(plan).at(0.0)
-        goal, task = first.q_command[0], plan.task
+        trajectory, task = Trajectory(plan), plan.task
+        first = trajectory.at(0.0)
+        goal = first.q_command[0] if wish.to_start else goal
         X_WO = first.X_WO[0] if wish.object_there else None
+        if wish.held_s is not None:
+            then = trajectory.at(wish.held_s)
+            held = HeldObject(q=then.q[0], X_WO=then.X_WO[0], p_OP=then.p_OP[0])
     q = np.array([wish.start.get(j, goal[i]) for i, j in enumerate(hand.joints)])
     start = msgspec.structs.replace(
         task.start if isinstance(task.start, Pose) else _NOWHERE,
@@ -144,7 +169,7 @@ def _find(wish: Wish) -> Plan:
     )
     task = msgspec.structs.replace(task, start=start, motion=[Step(release=Release())])
     scene = Scene(hand, Object.load(task.object))
-    found = time_path(find_way(scene, task, q, goal, X_WO))
+    found = time_path(find_way(scene, task, q, goal, X_WO, held))
     certificate = certify_way(found, scene, q, goal)
     if not certificate.certified:
         raise NoPlanFound("the path found does not pass its certificate: " + "; ".join(certificate.failures))

@@ -45,7 +45,7 @@ def close(builder: LegBuilder, clearance: Clearance, contacts: dict[int, Planned
         Whether it was possible; if not, the builder is left as it was.
     """
     X = builder.X_WO
-    for up in _lifts(clearance, builder.q, {i: (c.q, c.n_W[None]) for i, c in contacts.items()}, X):
+    for up in lift_together(clearance, builder.q, {i: (c.q, c.n_W[None]) for i, c in contacts.items()}, X):
         down = {i: way[::-1] for i, way in up.items()}
         legs = joint_paths(clearance, builder.q, {i: way[0] for i, way in down.items()}, X)
         if legs is not None:
@@ -65,7 +65,7 @@ def open_(builder: LegBuilder, clearance: Clearance, n_W: dict[int, np.ndarray],
     """
     X, fingers = builder.X_WO, builder.hand.fingers
     contacts = {i: (builder.q[fingers[i].columns], leaning(n)) for i, n in n_W.items()}
-    for up in _lifts(clearance, builder.q, contacts, X):
+    for up in lift_together(clearance, builder.q, contacts, X):
         lifted = builder.q.copy()
         for i, way in up.items():
             lifted[fingers[i].columns] = way[-1]
@@ -113,10 +113,10 @@ def joint_paths(
     return None
 
 
-def _lifts(
+def lift_together(
     clearance: Clearance, q: np.ndarray, contacts: dict[int, tuple[np.ndarray, np.ndarray]], X_WO: np.ndarray
 ) -> Iterator[dict[int, np.ndarray]]:
-    """Paths (n, m) of fingers from contacts to above them, all at once and clear of one another.
+    """Paths (n, m) of fingers from contacts to above them, all at once and clear of one another, one per height.
 
     Contacts are postures (m,), and directions (d, 3) of which the first that is clear is taken.
     """

@@ -100,23 +100,24 @@ defaults: {acceleration_deg_s2: 1000, stiffness_nm_rad: 2, damping_nm_s_rad: 0.0
 def test_what_people_have_is_one_message_and_nothing_is_written(old, new, says, commands, tmp_path, capsys):
     text, spec = _hand(), _HAND_FILE
     assert old in text or old in spec
-    (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes/cone.stl").write_text("solid cone")
-    (tmp_path / "two.urdf").write_text(text.replace(old, new, 1))
-    (tmp_path / "two.hand.yaml").write_text(spec.replace(old, new, 1))
-    before = sorted(tmp_path.rglob("*"))
+    folder = tmp_path / "theirs"  # files of the same name are looked for in folders beside it, too
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "meshes/cone.stl").write_text("solid cone")
+    (folder / "two.urdf").write_text(text.replace(old, new, 1))
+    (folder / "two.hand.yaml").write_text(spec.replace(old, new, 1))
+    before = sorted(folder.rglob("*"))
     words = {
-        "check": ["check", str(tmp_path / "two.urdf")],
-        "init": ["init", str(tmp_path / "two.urdf"), "-o", str(tmp_path / "new.hand.yaml")],
-        "convert": ["convert", str(tmp_path / "two.urdf"), "-o", str(tmp_path / "out")],
-        "hand-file": ["check", str(tmp_path / "two.hand.yaml"), "--png", str(tmp_path / "hand.png")],
+        "check": ["check", str(folder / "two.urdf")],
+        "init": ["init", str(folder / "two.urdf"), "-o", str(folder / "new.hand.yaml")],
+        "convert": ["convert", str(folder / "two.urdf"), "-o", str(folder / "out")],
+        "hand-file": ["check", str(folder / "two.hand.yaml"), "--png", str(folder / "hand.png")],
     }
     for command in commands.split():
         assert cli.run(["hand", *words[command]]) == 2
         out, err = capsys.readouterr()
         assert (out, err.count("drake-hand: ")) == ("", 1)
         assert says in err
-    assert sorted(tmp_path.rglob("*")) == before
+    assert sorted(folder.rglob("*")) == before
 
 
 def test_the_same_hand_whole_is_taken(tmp_path, capsys):

@@ -11,10 +11,11 @@ import pytest
 
 from drake_hand.api import plan
 from drake_hand.cli import run
-from drake_hand.cli.driven_hand import Mishap
+from drake_hand.cli.driven_hand import DrivenHand, Mishap
 from drake_hand.cli.drives_grip import feel
 from drake_hand.cli.drives_physics import spawn_physical_hand
 from drake_hand.epos.bus import BusSpec
+from drake_hand.epos.clock import SharedClock
 from drake_hand.epos.drives import Drives
 from drake_hand.epos.executor import execute
 from drake_hand.epos.schedule import Schedule
@@ -137,3 +138,19 @@ def test_spin_stays_in_the_hand(tmp_path, capsys):
     assert found["position_error_mm"] <= 1.0
     assert found["tilt_error_deg"] <= 3.0
     assert found["rotation_error_deg"] <= 8.0
+
+
+def test_what_falls_comes_to_lie(carry, tmp_path):
+    """Falling for as long as the hand is played with, what spins ended in numbers that are none."""
+    drives, clock = Drives.load(), SharedClock.create(tmp_path / "clock")
+    q = Schedule.build(carry, drives).q[0]
+    hand = DrivenHand(drives, carry, clock, q)
+    start = hand.physics.X_WO
+    hand.physics.let_go()
+    found = []
+    for t in np.arange(0.05, 2.0, 0.05):
+        hand.advance(t, q, np.zeros(len(q)))
+        found.append(hand.physics.X_WO)
+    away = np.linalg.norm(np.array(found)[:, :3, 3] - start[:3, 3], axis=1)
+    assert 1.0 < away.max() < 1.5
+    np.testing.assert_array_equal(found[-1], found[-2])

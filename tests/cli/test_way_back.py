@@ -15,7 +15,8 @@ from drake_hand.errors import NoPlanFound
 from drake_hand.model.hand import Hand
 from drake_hand.model.object import Object
 from drake_hand.model.scene import Scene
-from drake_hand.planning.way_home import find_way
+from drake_hand.planning.collision import Clearance
+from drake_hand.planning.way_home import HeldObject, find_way
 from drake_hand.plans.holds import may_hold
 from drake_hand.plans.plan import Plan
 from drake_hand.plans.task import Physics, Support, Task
@@ -109,9 +110,66 @@ def test_a_way_keeps_off_the_table(found, scene, start):
         find_way(scene, beside(-20.0), start, HAND.q_home, None)
 
 
+@pytest.fixture(scope="module")
+def pencil(trajectory) -> tuple[Scene, Clearance]:
+    both = Scene(HAND, Object.load(trajectory.plan.task.object))
+    return both, Clearance(both)
+
+
+def held_in(trajectory) -> tuple[HeldObject, np.ndarray]:
+    """What the fingers hold in mid-plan, and where they are commanded to: inside it."""
+    then = trajectory.at(trajectory.plan.duration / 2)
+    return HeldObject(q=then.q[0], X_WO=then.X_WO[0], p_OP=then.p_OP[0]), then.q_command[0]
+
+
+def gaps(c: Clearance, held: HeldObject, path) -> np.ndarray:
+    """(fingers, n) of each finger, its tip too, from the object where it was held, along a path."""
+    q = np.concatenate([leg.q for leg in path.legs])
+    return np.array(
+        [c.to_object(i, c.centres(i, q[:, f.columns]), held.X_WO, tip=True) for i, f in enumerate(HAND.fingers)]
+    )
+
+
+def test_fingers_that_hold_something_leave_it_and_go_around_it(trajectory, pencil):
+    """Straight back, all at once, they would take it along: its fingers of both sides go on pressing."""
+    (both, c), (held, q) = pencil, held_in(trajectory)
+    goal, task = trajectory.at(0.0).q_command[0], trajectory.plan.task
+    away = [gaps(c, held, find_way(both, task, q, goal, None, some)) for some in (None, held)]
+    holding = np.flatnonzero(np.isfinite(held.p_OP).all(axis=1))
+    assert len(holding) == 3
+    pressed = away[0][:, 0].min()
+    assert away[0].min() < pressed - 2e-3, "through where it is"
+    assert away[1].min() > pressed - 1e-6
+    off = [np.flatnonzero(away[1][i] < 0)[-1] for i in holding]  # the last knot at which it presses
+    assert np.diff(sorted(off)).min() > 5, "one after the other"
+    found = find_way(both, task, q, goal, None, held)
+    np.testing.assert_array_equal(found.legs[0].q[0], q)
+    np.testing.assert_allclose(found.legs[-1].q[-1], goal, atol=1e-12)
+
+
+def test_opened_for_a_person_the_hand_goes_home_from_its_hold(trajectory, plan):
+    q = held_in(trajectory)[1]
+    found = way("kanguera", HAND.joints, q, plan=plan, held_s=trajectory.plan.duration / 2)
+    np.testing.assert_allclose(found.parts[-1].q[-1], HAND.q_home, atol=1e-9)
+    moved = np.abs(np.array(found.parts[0].q)[5] - q) > np.radians(0.1)
+    assert [f.name for f in HAND.fingers if moved[f.columns].any()] == ["middle"]
+
+
+def test_fingers_that_cannot_get_around_it_rise_off_it_all_at_once(trajectory, pencil):
+    """To where they are closed a little farther than now, which is where the object is."""
+    (both, c), (held, q) = pencil, held_in(trajectory)
+    flexions = [HAND.joints.index(f"{f.name}_flexion") for f in HAND.fingers if f.name != "thumb"]
+    goal = q.copy()
+    goal[flexions] += np.radians(4.0)
+    found = find_way(both, trajectory.plan.task, q, goal, None, held)
+    first = gaps(c, held, found)[:, len(found.legs[0].q) - 1]
+    assert (first[np.isfinite(held.p_OP).all(axis=1)] > 2e-3).all()
+    np.testing.assert_allclose(found.legs[-1].q[-1], goal, atol=1e-12)
+
+
 def test_where_the_object_stands_in_the_way_there_is_none(plan, start):
     with pytest.raises(NoPlanFound, match="from the object"):
-        way("kanguera", HAND.joints, start, plan=plan, object_there=True)
+        way("kanguera", HAND.joints, start, plan=plan, to_start=True, object_there=True)
 
 
 @pytest.mark.clocked
