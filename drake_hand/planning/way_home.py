@@ -102,8 +102,8 @@ def _let_go(builder: LegBuilder, clearance: Clearance, held: HeldObject, goal: n
         now[columns[first]] = goal[columns[first]]
         standing.remove(first)
     rest = {i: (now[columns[i]], rises[i]) for i in standing}
-    if rest and (up := next(lift_together(clearance, now, rest, held.X_WO), None)):
-        builder.move({i: _from(builder.q[columns[i]], way) for i, way in up.items()})
+    if rest and (together := next(lift_together(clearance, now, rest, held.X_WO), None)):
+        builder.move({i: _from(builder.q[columns[i]], way) for i, way in together.items()})
 
 
 def _leave(s: Surroundings, i: int, q: np.ndarray, rises: np.ndarray, goal: np.ndarray) -> list[np.ndarray] | None:
