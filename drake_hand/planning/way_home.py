@@ -93,7 +93,7 @@ def _let_go(builder: LegBuilder, clearance: Clearance, held: HeldObject, goal: n
     now, standing = held.q.copy(), list(rises)
     while standing:
         around = {i: Surroundings.of(clearance, now, held.X_WO, i) for i in standing}
-        ways = {i: way for i in standing if (way := _leave(around[i], i, now[columns[i]], rises[i], goal[columns[i]]))}
+        ways = {i: x for i in standing if (x := _leave(around[i], i, now[columns[i]], rises[i], goal[columns[i]]))}
         if not ways:
             break
         first = min(ways, key=lambda i: len(ways[i]))
