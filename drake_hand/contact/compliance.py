@@ -39,6 +39,7 @@ def roll_correction(
     R_WO: np.ndarray,
     touching: np.ndarray,
     sliding: np.ndarray | None = None,
+    creep: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """How far a compressed tip's centre has to move aside so that it rolls where the uncompressed one would.
 
@@ -54,6 +55,7 @@ def roll_correction(
         R_WO: (n, 3, 3) orientation of the object.
         touching: (n, k) where there is contact.
         sliding: (n, k) where the tip slides: what it has gathered fades, since the point it belongs to is left.
+        creep: (n - 1, k, 3) how far it creeps over the surface besides, from knot to knot, and has to follow, m.
 
     Returns:
         (n, k, 3) displacement of tip centres, zero where there is no contact, m.
@@ -61,12 +63,13 @@ def roll_correction(
     out = np.zeros_like(n_W)
     slipped = n_W[1:] - n_W[:-1] - cross(turns(R_WT), 0.5 * (n_W[1:] + n_W[:-1]))
     slipped *= 0.5 * (depth[1:] + depth[:-1])[..., None]
+    steps = creep - slipped
     carried = R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2)
     stays = touching[1:] & touching[:-1]
     slides = np.zeros_like(stays) if sliding is None else sliding[1:]
     for j, n in enumerate(n_W[1:]):
         moved = out[j] @ carried[j].T
-        moved = np.where(slides[j, :, None], _ROLLED_SHORT_KEPT_SHARE * moved, moved - slipped[j])
+        moved = np.where(slides[j, :, None], _ROLLED_SHORT_KEPT_SHARE * moved, moved + steps[j])
         moved -= n * np.sum(n * moved, axis=1, keepdims=True)
         out[j + 1] = np.where(stays[j, :, None], moved, 0.0)
     return out

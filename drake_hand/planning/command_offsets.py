@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction
+from drake_hand.contact.compliance import joint_offsets, pad_compression, roll_correction, turns
+from drake_hand.contact.spin import creep, patch_radius
 from drake_hand.model.hand import Hand
 from drake_hand.planning.knots import off_halfway
 
@@ -41,13 +42,15 @@ class PressedTips:
     """(n, k) bool."""
     slides: np.ndarray
     """(n, k) bool."""
+    friction: float
+    """Of contacts that rub."""
 
     def offsets(self, f_W: np.ndarray) -> np.ndarray:
-        """(n, nq) what produces forces (n, k, 3) and makes up for what tips yield and roll short, rad.
+        """(n, nq) what produces forces (n, k, 3) and makes up for what tips yield, roll short and creep, rad.
 
         Those of a free finger fade from what its last contact left to what the next one begins with.
         """
-        out = joint_offsets(self.hand, self.J_WP, f_W, self._moved(self._press(f_W)))
+        out = joint_offsets(self.hand, self.J_WP, f_W, self._moved(f_W))
         knots = np.arange(len(out))
         for finger, on in zip(self.hand.fingers, self.touching.T, strict=True):
             for c in finger.columns if on.any() else ():
@@ -72,12 +75,15 @@ class PressedTips:
 
     def yielding(self, press: np.ndarray) -> np.ndarray:
         """(n, nq) the part of offsets that makes up for what tips pressed with (n, k) N yield and roll short, rad."""
-        return joint_offsets(self.hand, self.J_WP, np.zeros_like(self.n_W), self._moved(press))
+        return joint_offsets(self.hand, self.J_WP, np.zeros_like(self.n_W), self._moved(-press[..., None] * self.n_W))
 
-    def _moved(self, press: np.ndarray) -> np.ndarray:
-        """(n, k, 3) how far tips are beside their path to press (n, k), m."""
-        depth = pad_compression(self.hand.pad, press, self.bend)
-        rolled = roll_correction(depth, -self.n_W, self.R_WT, self.R_WO, self.touching, self.slides)
+    def _moved(self, f_W: np.ndarray) -> np.ndarray:
+        """(n, k, 3) how far tips are beside their path to exert forces (n, k, 3), m."""
+        press, pad = self._press(f_W), self.hand.pad
+        patch = patch_radius(pad, np.array([f.radius for f in self.hand.fingers]), press, self.bend)
+        crept = creep(f_W, -self.n_W, turns(self.R_WT), turns(self.R_WO[:, None]), patch, self.friction)
+        depth = pad_compression(pad, press, self.bend)
+        rolled = roll_correction(depth, -self.n_W, self.R_WT, self.R_WO, self.touching, self.slides, crept)
         return rolled - self.n_W * depth[..., None]
 
     def _press(self, f_W: np.ndarray) -> np.ndarray:

@@ -142,6 +142,7 @@ def add_forces(
         bend=bend,
         touching=touching,
         slides=light.share == 1,
+        friction=holding.sliding_friction,
     )
     pressed = likely_press(contacts, problem)
     swing = bent(starts, q)

@@ -22,9 +22,10 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
 
     A servo of stiffness K commanded to q + o turns with torque K o about q. Some of it holds up the links, some presses
     the pad in, some moves the tip along where the pressed tip, on its smaller radius, has rolled less far than the
-    plan's; what is left presses the object, which stays where it is. With J of the tip at the contact,
-    x = J (o - (J' f - weight) / K) is how far the commands move the tip beyond what the stated forces f take, d how far
-    it has to move for the pad; a tip held by the object answers with (J J' / K + pad)^-1 (x - d).
+    plan's, and where it creeps because it spins; what is left presses the object, which stays where it is. With J of
+    the tip at the contact, x = J (o - (J' f - weight) / K) is how far the commands move the tip beyond what the stated
+    forces f take, d how far it has to move for the pad; a tip held by the object answers with
+    (J J' / K + pad)^-1 (x - d).
 
     Where a tip slides, or pivots as in the paper, friction is what it is, and only the normal force is judged. What is
     off counts per newton where a contact comes to bear more than one.
@@ -57,7 +58,14 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
                     moved_O = np.einsum("kji,kj->ki", R_WO[a:b], moved[a:b])
                     # where sliding has left the tip is where the friction stated holds it
                     begin = moved_O[0] - n_O[a] * (n_O[a] @ moved_O[0]) if slid else np.zeros(3)
-                    aside = rolled_short(depth[a:b], n_O[a:b], R_OT[a:b], begin)
+                    turn, n = tip_turns(R_OT[a:b]), (n_O[a + 1 : b] + n_O[a : b - 1]) / 2
+                    f_O = np.einsum("kji,kj->ki", R_WO[a:b], f_W[a:b])
+                    patch = np.sqrt(2 * finger.radius * depth[a:b] / np.sqrt(seen.bend[rows, i][a:b]))
+                    step = rolled_short(depth[a:b], n_O[a:b], turn, n)
+                    step += crept(f_O, n_O[a:b], plan.task.physics.friction, patch, turn, n)
+                    aside = np.empty_like(n_O[a:b])
+                    aside[0] = begin
+                    _carry(step, np.ascontiguousarray(n_O[a:b]), aside)
                     off = moved[a:b] - np.einsum("kij,kj->ki", R_WO[a:b], aside)
                     force = np.linalg.solve(yields[a:b], off[..., None])[..., 0]
                     error[first + a : first + b, i] = np.linalg.norm(force, axis=1)
@@ -65,8 +73,14 @@ def check_command(seen: Observed, plan: Plan, scene: Scene, findings: Findings) 
     findings.add("command_force_n", error, s.t, s.part, plan.fingers, limit=COMMAND_LIMIT_N)
 
 
-def rolled_short(depth: np.ndarray, n_O: np.ndarray, R_OT: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Where a pressed tip's centre is, aside of where the plan has it, because it rolls on a smaller radius.
+def tip_turns(R_OT: np.ndarray) -> np.ndarray:
+    """(k - 1, 3) small turns in O from each orientation (k, 3, 3) of a tip to the next, rad."""
+    D = R_OT[1:] @ np.swapaxes(R_OT[:-1], 1, 2)
+    return np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1) / 2
+
+
+def rolled_short(depth: np.ndarray, n_O: np.ndarray, turn: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """How much farther aside of where the plan has it a pressed tip's centre gets, as it rolls on a smaller radius.
 
     Of a tip that rolls without slipping by a turn w, in O, the centre goes w x r n; pressed in by depth it goes
     w x (r - depth) n, and sinks as its normal turns.
@@ -74,20 +88,40 @@ def rolled_short(depth: np.ndarray, n_O: np.ndarray, R_OT: np.ndarray, begin: np
     Args:
         depth: (k,) of the pad, m.
         n_O: (k, 3) outward normals.
-        R_OT: (k, 3, 3) orientation of the tip.
-        begin: (3,) where it is at first.
+        turn: (k - 1, 3) of the tip, in between, rad.
+        n: (k - 1, 3) normals in between.
 
     Returns:
-        (k, 3) along the surface, in O, m.
+        (k - 1, 3) in between, in O, m.
     """
-    D = R_OT[1:] @ np.swapaxes(R_OT[:-1], 1, 2)
-    turn = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1) / 2
-    n = (n_O[1:] + n_O[:-1]) / 2
-    short = (depth[1:] + depth[:-1])[:, None] / 2 * (np.diff(n_O, axis=0) - np.cross(turn, n))
-    out = np.empty_like(n_O)
-    out[0] = begin
-    _carry(np.ascontiguousarray(short), np.ascontiguousarray(n_O), out)
-    return out
+    return (depth[1:] + depth[:-1])[:, None] / 2 * (np.diff(n_O, axis=0) - np.cross(turn, n))
+
+
+def crept(
+    f_O: np.ndarray, n_O: np.ndarray, friction: float, patch: np.ndarray, turn: np.ndarray, n: np.ndarray
+) -> np.ndarray:
+    """How far a tip creeps that turns about its contact's normal while it pushes the object along its surface.
+
+    Rubbing all round, at r from its middle with w r, a patch bears a force T along the surface only as it slides along
+    that at v: to first order, half of what every ring of it rubs with, times v / (w r). Pressure falls as
+    1 - (r / patch)^2, so that T = (4 / 3) (v / (w patch)) friction N.
+
+    Args:
+        f_O: (k, 3) forces on the object, in O, N.
+        n_O: (k, 3) outward normals.
+        friction: while it rubs.
+        patch: (k,) radii, m.
+        turn: (k - 1, 3) of the tip, in between, rad.
+        n: (k - 1, 3) normals in between.
+
+    Returns:
+        (k - 1, 3) in between, in O, m.
+    """
+    normal = np.sum(f_O * n_O, axis=1)[:, None]
+    share = (f_O - normal * n_O) / (friction * np.maximum(-normal, 1e-9))
+    share /= np.maximum(np.linalg.norm(share, axis=1), 1.0)[:, None]
+    per_rad = 0.75 * patch[:, None] * share
+    return np.abs(np.sum(turn * n, axis=1))[:, None] * (per_rad[1:] + per_rad[:-1]) / 2
 
 
 @njit("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])")

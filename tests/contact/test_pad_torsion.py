@@ -16,8 +16,8 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
-from drake_hand.contact.compliance import turns
-from drake_hand.contact.spin import SPARE_FRICTION_SHARE, spin_arm, twisted
+from drake_hand.contact.compliance import roll_correction, turns
+from drake_hand.contact.spin import SPARE_FRICTION_SHARE, creep, patch_radius, spin_arm, twisted
 from drake_hand.model.hand import Hand
 from drake_hand.physics.simulation import _PAD_MESH_M
 from drake_hand.plans.tolerances import TWIST_RAD
@@ -26,8 +26,10 @@ FRICTION, R = 0.8, 0.008
 PAD = Hand.load("kanguera").pad
 
 
-def drakes_contact(depth, rate, edge=0.0005, R_LG=None):
-    """Normal force and moment about the normal of a pad that spins at a rate, pressed into a plate by a depth.
+def drakes_contact(depth, rate, edge=0.0005, R_LG=None, aside=0.0):
+    """Normal force, moment about the normal and force along the plate of a pad pressed into it by a depth.
+
+    It spins at a rate, and may go aside at a speed.
 
     Its mesh has edges of some length, and may be turned.
     """
@@ -48,7 +50,9 @@ def drakes_contact(depth, rate, edge=0.0005, R_LG=None):
     X_LG = np.eye(4)
     X_LG[:3, :3] = np.eye(3) if R_LG is None else R_LG
     plant.RegisterCollisionGeometry(tip, RigidTransform(X_LG), Sphere(R), "tip", soft)
-    up = plant.AddJoint(PrismaticJoint("up", plant.world_frame(), lift.body_frame(), [0, 0, 1]))
+    sled = plant.AddRigidBody("sled", heavy)
+    along = plant.AddJoint(PrismaticJoint("along", plant.world_frame(), sled.body_frame(), [1, 0, 0]))
+    up = plant.AddJoint(PrismaticJoint("up", sled.body_frame(), lift.body_frame(), [0, 0, 1]))
     spin = plant.AddJoint(RevoluteJoint("spin", lift.body_frame(), tip.body_frame(), [0, 0, 1]))
     plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
     plant.Finalize()
@@ -57,17 +61,51 @@ def drakes_contact(depth, rate, edge=0.0005, R_LG=None):
     own = plant.GetMyMutableContextFromRoot(context)
     up.set_translation(own, R - depth)
     spin.set_angular_rate(own, rate)
+    along.set_translation_rate(own, aside)
     info = plant.get_contact_results_output_port().Eval(own).hydroelastic_contact_info(0)
     wrench = info.F_Ac_W()
-    return abs(wrench.translational()[2]), abs(wrench.rotational()[2])
+    return abs(wrench.translational()[2]), abs(wrench.rotational()[2]), abs(wrench.translational()[0])
 
 
 @pytest.mark.parametrize("depth", [1.5e-4, 2.5e-4, 4e-4])
 def test_a_pad_that_rubs_has_the_torque_of_drakes(depth):
-    press, moment = drakes_contact(depth, 1.0)
+    press, moment, _ = drakes_contact(depth, 1.0)
     arm = spin_arm(PAD, R, FRICTION, press) / SPARE_FRICTION_SHARE
     assert moment / press == pytest.approx(arm, rel=0.05)
     assert drakes_contact(depth, 0.0)[1] < 0.01 * moment
+
+
+@pytest.mark.parametrize("depth", [1.5e-4, 4e-4])
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_pad_that_spins_creeps_as_drakes_does_under_what_it_bears_along_the_surface(depth, share):
+    rate, press = 1.0, drakes_contact(depth, 1.0)[0]
+    still, turned = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, rate]]])
+    f_W = np.tile([share * FRICTION * press, 0.0, -press], (2, 1, 1))
+    patch = np.full((2, 1), patch_radius(PAD, R, press, 1.0))
+    crept = creep(f_W, np.tile([0.0, 0.0, -1.0], (2, 1, 1)), turned, still, patch, FRICTION)[0, 0]
+    np.testing.assert_allclose(crept[1:], 0.0)
+    assert drakes_contact(depth, rate, aside=crept[0])[2] == pytest.approx(share * FRICTION * press, rel=0.1)
+
+
+def test_a_tip_follows_what_it_creeps_and_the_object_takes_it_along():
+    """Half a turn of the tip over an object at rest, then one together with it."""
+    n, press, share = 41, 1.0, 0.4
+    about_z = np.concatenate([np.linspace(0, 0.5, 21), np.linspace(0.5, 0.5 + np.pi / 2, 21)[1:]])
+    R_WT = Rotation.from_euler("z", about_z[:, None]).as_matrix()[:, None]
+    R_WO = Rotation.from_euler("z", np.maximum(about_z - 0.5, 0.0)[:, None]).as_matrix()
+    inward, on = np.tile([0.0, 0.0, 1.0], (n, 1, 1)), np.ones((n, 1), bool)
+    f_W = np.tile([share * FRICTION * press, 0.0, press], (n, 1, 1))
+    f_W[21:, 0, :2] = 0.0
+    patch, depth = np.full((n, 1), 2e-3), np.full((n, 1), 2e-4)
+    for way in (1, -1):
+        crept = creep(f_W, inward, way * turns(R_WT), way * turns(R_WO[:, None]), patch, FRICTION)
+        moved = roll_correction(depth, inward, R_WT, R_WO, on, creep=crept)[:, 0]
+        far = 0.75 * 2e-3 * share * 0.5
+        np.testing.assert_allclose(moved[20], [far, 0.0, 0.0], rtol=1e-6)
+        np.testing.assert_allclose(moved[-1], [0.0, far, 0.0], rtol=1e-6, atol=1e-9)
+    f_W[..., 0] *= 2 / share  # more than friction bears
+    slips = creep(f_W, inward, turns(R_WT), turns(R_WO[:, None]), patch, FRICTION)
+    np.testing.assert_allclose(slips[:20].sum(axis=0)[0], [0.75 * 2e-3 * 0.5, 0.0, 0.0], rtol=1e-6)
 
 
 def test_simulated_pads_press_nearly_alike_on_whichever_facet_they_touch():

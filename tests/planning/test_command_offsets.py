@@ -30,7 +30,17 @@ def tips(bent: tuple[float, float], knots: int) -> tuple[PressedTips, np.ndarray
     f_W[:, i] = [0.0, 0.0, -PRESS_N]
     bend, R_WO = np.full(shape, 2.0), np.tile(np.eye(3), (knots, 1, 1))
     slides = np.zeros(shape, dtype=bool)
-    some = PressedTips(hand=hand, J_WP=J, n_W=n_W, R_WT=R_WT, R_WO=R_WO, bend=bend, touching=touching, slides=slides)
+    some = PressedTips(
+        hand=hand,
+        J_WP=J,
+        n_W=n_W,
+        R_WT=R_WT,
+        R_WO=R_WO,
+        bend=bend,
+        touching=touching,
+        slides=slides,
+        friction=0.8,
+    )
     return some, f_W
 
 

@@ -117,11 +117,11 @@ class Maker:
         arm = X[:3, :3].T @ (self.scene.tip_position(finger) - X[:3, 3])
         return self.radius * arm / np.linalg.norm(arm)
 
-    def twists(self, q, X, p_OP) -> dict[str, np.ndarray]:
-        """How far each pad is twisted at every knot, -1 to 1 about the outward normal: by 3 deg it rubs."""
+    def spins(self, q, X, p_OP) -> dict[str, np.ndarray]:
+        """How far each tip turns over the object about the outward normal from knot to knot, rad."""
         out = {}
         for finger in self.fingers:
-            link, turned, twist = self.scene.plant.GetBodyByName(finger.tip_link), [], [0.0]
+            link, turned, spins = self.scene.plant.GetBodyByName(finger.tip_link), [], []
             for k in range(len(q)):
                 self.scene.set(q[k])
                 R_WL = link.EvalPoseInWorld(self.scene.plant_context).rotation().matrix()
@@ -129,14 +129,24 @@ class Maker:
             for k in range(1, len(q)):
                 spin = Rotation.from_matrix(turned[k] @ turned[k - 1].T).as_rotvec()
                 n = (p_OP[finger.name][k] + p_OP[finger.name][k - 1]) / 2 / self.radius
-                twist.append(float(np.clip(twist[-1] + spin @ n / np.radians(3), -1, 1)))
-            out[finger.name] = np.array(twist)
+                spins.append(spin @ n)
+            out[finger.name] = np.array(spins)
         return out
+
+    @staticmethod
+    def twists(spins: np.ndarray) -> np.ndarray:
+        """How far a pad is twisted at every knot, -1 to 1 about the outward normal: by 3 deg it rubs."""
+        twist = [0.0]
+        for spin in spins:
+            twist.append(float(np.clip(twist[-1] + spin / np.radians(3), -1, 1)))
+        return np.array(twist)
 
     def forces(self, q, X, p_OP) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Balanced contact forces in W at every knot, and the offsets that exert them."""
         f_W, offset = {name: np.zeros((len(q), 3)) for name in NAMES}, np.zeros_like(q)
-        weight, twists = self.object.mass * np.array([0, 0, -9.81]), self.twists(q, X, p_OP)
+        weight, spins = self.object.mass * np.array([0, 0, -9.81]), self.spins(q, X, p_OP)
+        twists = {name: self.twists(x) for name, x in spins.items()}
+        aside = {name: np.zeros(3) for name in NAMES}
         friction, E = 0.8, self.hand.pad.hydroelastic_modulus_pa
         for k in range(len(q)):
             R = X[k, :3, :3]
@@ -167,7 +177,14 @@ class Maker:
                 # the pad yields, more over a sphere than over a plane, and the tip goes after it
                 bend = 1 + finger.radius / self.radius
                 area = np.pi * self.hand.pad.hydroelastic_modulus_pa / bend
-                offset[k] -= np.linalg.pinv(J) @ n * np.sqrt(-f_W[name][k] @ n / area)
+                press = -f_W[name][k] @ n
+                offset[k] -= np.linalg.pinv(J) @ n * np.sqrt(press / area)
+                # spinning, it creeps the way it pushes along the surface, by 3/4 of its patch's radius at most
+                if k:
+                    patch = np.sqrt(2 * finger.radius * np.sqrt(press / area) / bend)
+                    along = (f_W[name][k] + press * n) / (friction * press)
+                    aside[name] = aside[name] + 0.75 * patch * abs(spins[name][k - 1]) * R.T @ along
+                offset[k] += np.linalg.pinv(J) @ R @ aside[name]
             self.scene.set(q[k])
             hanging = self.scene.plant.CalcGravityGeneralizedForces(self.scene.plant_context)
             offset[k] -= self.coupling @ hanging[: len(self.coupling[0])] / self.hand.stiffness
